@@ -1,0 +1,239 @@
+"""Wiedemann's psycho-physical model of 1999, in two readings.
+
+`Wiedemann99Sumo` is what SUMO 1.28 computes (`MSCFModel_W99`); `Wiedemann99Vissim` is what VISSIM's manual and the
+public demonstration (github.com/glgh/w99-demo) mean by the ten parameters. They differ in six rules, which the
+docstrings name; a calibration that is confirmed in SUMO needs the first.
+"""
+
+import abc
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from surrogate.car_following.base import CarFollowingModel, FollowingSituation
+from surrogate.car_following.safe_speed import krauss_secure_gap_m, safe_stop_speed_mps
+
+Value = Float[Array, "..."]
+SPEED_OF_CC9_MPS = 80.0 / 3.6
+HARDEST_BRAKING_MPS2 = 10.0
+
+
+class _Wiedemann99(CarFollowingModel):
+    """The ten parameters; the CC number comes first in each name because everybody knows it.
+
+    Attributes:
+        cc0_standstill_gap_m: gap at standstill.
+        cc1_time_gap_s: desired time gap (a gap, though manuals call it headway).
+        cc2_following_variation_m: how far the gap may open beyond the desired one.
+        cc3_following_threshold_s: when braking for a slower leader begins; negative.
+        cc4_negative_speed_threshold_mps: closing speed noticed while following; negative.
+        cc5_positive_speed_threshold_mps: opening speed noticed while following; positive.
+        cc6_oscillation_speed_dependency: how the thresholds grow with distance, 1e-4 1/(m s).
+        cc7_oscillation_acceleration_mps2: acceleration while following.
+        cc8_standstill_acceleration_mps2: acceleration from standstill.
+        cc9_acceleration_at_80kmh_mps2: acceleration at 80 km/h. SUMO never uses it.
+        max_deceleration_mps2: SUMO's decel, for safe gaps and stops.
+        emergency_deceleration_mps2: physical bound.
+    """
+
+    cc0_standstill_gap_m: Value
+    cc1_time_gap_s: Value
+    cc2_following_variation_m: Value
+    cc3_following_threshold_s: Value
+    cc4_negative_speed_threshold_mps: Value
+    cc5_positive_speed_threshold_mps: Value
+    cc6_oscillation_speed_dependency: Value
+    cc7_oscillation_acceleration_mps2: Value
+    cc8_standstill_acceleration_mps2: Value
+    cc9_acceleration_at_80kmh_mps2: Value
+    max_deceleration_mps2: Value
+    emergency_deceleration_mps2: Value
+
+    @property
+    def jam_gap_m(self) -> Value:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """CC0."""
+        return self.cc0_standstill_gap_m
+
+    @property
+    def time_gap_s(self) -> Value:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """CC1."""
+        return self.cc1_time_gap_s
+
+    @property
+    def max_acceleration_mps2(self) -> Value:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """CC8, the bound that SUMO applies."""
+        return self.cc8_standstill_acceleration_mps2
+
+    @abc.abstractmethod
+    def follow_acceleration(self, situation: FollowingSituation) -> Value:
+        """Return the acceleration of the four regimes."""
+
+    def acceleration(self, situation: FollowingSituation, step_s: float) -> Value:
+        """Return the acceleration of the four regimes."""
+        del step_s
+        return self.follow_acceleration(situation)
+
+    def stop_acceleration(self, situation: FollowingSituation, distance_m: Value, step_s: float) -> Value:
+        """Brake with `max_deceleration_mps2` as late as that lets the vehicle stand in time.
+
+        Source: `MSCFModel_W99::stopSpeed`, SUMO 1.28 (measured: the earlier version also followed a standing leader).
+        """
+        reaction_s = jnp.full((), step_s)
+        safe_mps = safe_stop_speed_mps(distance_m, self.max_deceleration_mps2, reaction_s, step_s)
+        return (safe_mps - situation.speed_mps) / step_s
+
+    def slow_acceleration(
+        self, situation: FollowingSituation, distance_m: Value, target_speed_mps: Value, step_s: float
+    ) -> Value:
+        """Brake with `max_deceleration_mps2` so late that the lower limit is just met.
+
+        Source: `MSCFModel::freeSpeed`.
+        Deviation: the continuous-time form v^2 = v_target^2 + 2 b d, less than one step away from SUMO's discrete one.
+        """
+        distance = jnp.maximum(distance_m - target_speed_mps * step_s, 0.0)
+        # one step is driven at the new speed before the next deceleration
+        b = self.max_deceleration_mps2
+        bound = -0.5 * b * step_s + jnp.sqrt(
+            (0.5 * b * step_s) ** 2 + target_speed_mps**2 + 2.0 * b * jnp.minimum(distance, 1e6)
+        )
+        bound = jnp.maximum(bound, target_speed_mps)
+        accelerate = jnp.maximum((bound - situation.speed_mps) / step_s, -b)
+        return jnp.where(distance_m == jnp.inf, jnp.inf, accelerate)
+
+    def secure_gap_m(
+        self, speed_mps: Value, leader_speed_mps: Value, leader_deceleration_mps2: Value, step_s: float
+    ) -> Value:
+        """Return the Krauss gap.
+
+        Source: `MSCFModel::getSecureGap`, as the gaps in SUMO 1.28's lane-change output show; its sources of 2020 took
+        the perception threshold SDXv where that was larger.
+        """
+        return krauss_secure_gap_m(
+            speed_mps,
+            leader_speed_mps,
+            self.max_deceleration_mps2,
+            leader_deceleration_mps2,
+            self.cc1_time_gap_s,
+            step_s,
+        )
+
+
+class Wiedemann99Sumo(_Wiedemann99):
+    """W99 as SUMO 1.28 computes it.
+
+    Source: `MSCFModel_W99::followSpeed`.
+    Deviation from VISSIM, all SUMO's: (a) the free acceleration is CC8 + CC9 v plus a random number, which the bound
+    CC8 then cuts, so that vehicles always accelerate with CC8; CC9 still counts where lane changing asks how fast a
+    lane will be; (b) the speed of the slower vehicle is randomised only behind a leader who accelerates with 1 m/s^2
+    or more; (c) the guards of SDXc and SDVc look at the own speed, that of SDVo at the leader's; (d) braking while too
+    close is bounded by 0, not by the last acceleration; (e) the random number is drawn each step.
+    """
+
+    def follow_acceleration(self, situation: FollowingSituation) -> Value:
+        """Return the acceleration of the four regimes, in SUMO's order."""
+        v, dx, vl = situation.speed_mps, situation.gap_m, situation.leader_speed_mps
+        al, last = situation.leader_acceleration_mps2, situation.acceleration_mps2
+        dv = vl - v
+        cc0, cc4, cc5 = (
+            self.cc0_standstill_gap_m,
+            self.cc4_negative_speed_threshold_mps,
+            self.cc5_positive_speed_threshold_mps,
+        )
+        cc7 = self.cc7_oscillation_acceleration_mps2
+        slower = jnp.where((dv >= 0.0) | (al < 1.0), v, vl + dv * (situation.uniform - 0.5))
+        sdxc = cc0 + jnp.where(v > 0.0, self.cc1_time_gap_s * jnp.maximum(0.0, slower), 0.0)
+        sdxo = sdxc + self.cc2_following_variation_m
+        sdxv = sdxo + self.cc3_following_threshold_s * (dv - cc4)
+        finite_dx = jnp.minimum(dx, 1e4)  # no leader: thresholds stay finite, every regime but "free" stays closed
+        sdv = self.cc6_oscillation_speed_dependency * finite_dx * finite_dx * 1e-4
+        sdvc = jnp.where(v > 0.0, cc4 - sdv, 0.0)
+        sdvo = sdv + jnp.where(vl > cc5, cc5, 0.0)
+        free = self.cc8_standstill_acceleration_mps2 + situation.uniform
+        free = free + self.cc9_acceleration_at_80kmh_mps2 * jnp.minimum(v, SPEED_OF_CC9_MPS)
+        bound = jnp.zeros_like(v)
+        return _regimes(self, v, vl, dv, finite_dx, al, last, sdxc, sdxo, sdxv, sdvc, sdvo, bound, free, cc7)
+
+
+class Wiedemann99Vissim(_Wiedemann99):
+    """W99 as VISSIM's manual and its public demonstration mean it.
+
+    Source: github.com/glgh/w99-demo (structure), PTV VISSIM 2024 help (meaning of the parameters).
+    Deviation from the demonstration: the free acceleration goes linearly from CC8 at standstill to CC9 at 80 km/h, as
+    VISSIM's manual says; the demonstration adds CC9 v to CC8. The random number belongs to the driver, not the step.
+    """
+
+    def follow_acceleration(self, situation: FollowingSituation) -> Value:
+        """Return the acceleration of the four regimes."""
+        v, dx, vl = situation.speed_mps, situation.gap_m, situation.leader_speed_mps
+        al, last = situation.leader_acceleration_mps2, situation.acceleration_mps2
+        dv = vl - v
+        cc0, cc4, cc5 = (
+            self.cc0_standstill_gap_m,
+            self.cc4_negative_speed_threshold_mps,
+            self.cc5_positive_speed_threshold_mps,
+        )
+        cc7 = self.cc7_oscillation_acceleration_mps2
+        slower = jnp.where((dv >= 0.0) | (al < -1.0), v, vl + dv * (situation.uniform - 0.5))
+        sdxc = cc0 + jnp.where(vl > 0.0, self.cc1_time_gap_s * jnp.maximum(0.0, slower), 0.0)
+        sdxo = sdxc + self.cc2_following_variation_m
+        sdxv = sdxo + self.cc3_following_threshold_s * (dv - cc4)
+        finite_dx = jnp.minimum(dx, 1e4)
+        sdv = self.cc6_oscillation_speed_dependency * finite_dx * finite_dx * 1e-4
+        sdvc = jnp.where(vl > 0.0, cc4 - sdv, 0.0)
+        sdvo = sdv + jnp.where(v > cc5, cc5, 0.0)
+        share = jnp.minimum(v, SPEED_OF_CC9_MPS) / SPEED_OF_CC9_MPS
+        free = self.cc8_standstill_acceleration_mps2 + share * (
+            self.cc9_acceleration_at_80kmh_mps2 - self.cc8_standstill_acceleration_mps2
+        )
+        wanted = _regimes(self, v, vl, dv, finite_dx, al, last, sdxc, sdxo, sdxv, sdvc, sdvo, last, free, cc7)
+        return jnp.minimum(wanted, jnp.maximum(situation.desired_speed_mps - v, 0.0) + 0.0 * v)
+
+
+def _regimes(
+    model: _Wiedemann99,
+    v: Value,
+    vl: Value,
+    dv: Value,
+    dx: Value,
+    al: Value,
+    last: Value,
+    sdxc: Value,
+    sdxo: Value,
+    sdxv: Value,
+    sdvc: Value,
+    sdvo: Value,
+    too_close_bound: Value,
+    free: Value,
+    cc7: Value,
+) -> Value:
+    """Return the acceleration of the regime that the thresholds select.
+
+    The regimes, in the order in which they are tried: too close (increase the distance), closing in (brake), following
+    (oscillate), free (accelerate or keep the speed).
+    """
+    cc0 = model.cc0_standstill_gap_m
+    # every divisor is kept away from 0 on the side that its own regime needs; elsewhere the value is not used
+    away = jnp.minimum(cc0 - dx, -1e-3)
+    closing = jnp.where(
+        dx > cc0,
+        jnp.minimum(al + dv * dv / away, too_close_bound),
+        jnp.minimum(al + 0.5 * (dv - sdvo), too_close_bound),
+    )
+    closing = jnp.where(dv < 0.0, closing, 0.0)
+    too_close = jnp.where(
+        closing > -cc7, -cc7, jnp.maximum(closing, -HARDEST_BRAKING_MPS2 + 0.5 * jnp.sqrt(jnp.maximum(v, 1e-6)))
+    )
+    too_close = jnp.where(vl > 0.0, too_close, 0.0)
+    room = sdxc - dx - 0.1
+    brake = 0.5 * dv * dv / jnp.where(jnp.abs(room) < 1e-3, jnp.where(room < 0.0, -1e-3, 1e-3), room)
+    brake = jnp.clip(brake, -HARDEST_BRAKING_MPS2, HARDEST_BRAKING_MPS2)
+    follow = jnp.where(last <= 0.0, jnp.minimum(last, -cc7), jnp.maximum(last, cc7))
+    opening = jnp.minimum(dv * dv / jnp.maximum(sdxo - dx, 1e-3), free)
+    keep = jnp.where(dx > sdxc, jnp.where(dx < sdxo, opening, free), 0.0)
+    is_too_close = (dv < sdvo) & (dx <= sdxc)
+    is_closing = (dv < sdvc) & (dx < sdxv)
+    is_following = (dv < sdvo) & (dx < sdxo)
+    return jnp.where(is_too_close, too_close, jnp.where(is_closing, brake, jnp.where(is_following, follow, keep)))
+
+
+__all__ = ["Wiedemann99Sumo", "Wiedemann99Vissim"]

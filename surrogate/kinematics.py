@@ -1,0 +1,82 @@
+"""Moves vehicles by one time step: what the drivers want, what the vehicles can do, where they are then."""
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+from surrogate.car_following.base import FollowingSituation
+from surrogate.keyed_random import Purpose, uniform
+from surrogate.lane_change.surroundings import desired_speed_mps
+from surrogate.neighbours import own_leader
+from surrogate.traffic_state import VehicleArrays
+from surrogate.vehicle_class import CarFollowingMix, VehicleClass, select_by_class
+
+Value = Float[Array, " vehicle"]
+
+
+def move(
+    vehicles: VehicleArrays,
+    classes: tuple[VehicleClass, ...],
+    cooperative_speed: Value,
+    seed: Int[Array, ""],
+    step: Int[Array, ""],
+    step_s: float,
+) -> tuple[VehicleArrays, Int[Array, ""]]:
+    """Return the vehicles one step later, and how many overlap their leader.
+
+    Args:
+        vehicles: all vehicles.
+        classes: vehicle classes.
+        cooperative_speed: weight, 0 to 1, with which each vehicle heeds what others' lane changing asks of it.
+        seed: seed of the run.
+        step: number of this step.
+        step_s: its length.
+
+    Source: SUMO's semi-implicit Euler update, `MSCFModel::finalizeSpeed` and `MSLCM_LC2013::_patchSpeed`: the speed
+    changes first, within [v - emergency deceleration, v + max acceleration] and up to the desired speed, then the
+    position by the new speed. An advice counts if it is neither harder than
+    braking nor faster than the model allows; a vehicle's own counts in full, another's with `cooperative_speed`.
+    """
+    leader = own_leader(vehicles)
+    lengths = [c.length_m for c in classes]
+    gap_m = leader.position_m - select_by_class(lengths, leader.vehicle_class) - vehicles.position_m
+    is_vehicle = vehicles.is_vehicle
+    v = vehicles.speed_mps
+    desired_mps = desired_speed_mps(vehicles, classes)
+    situation = FollowingSituation(
+        speed_mps=v,
+        gap_m=jnp.where(leader.exists, gap_m, jnp.inf),
+        leader_speed_mps=leader.speed_mps,
+        leader_acceleration_mps2=leader.acceleration_mps2,
+        acceleration_mps2=vehicles.acceleration_mps2,
+        desired_speed_mps=desired_mps,
+        uniform=uniform(seed, vehicles.identity, step, Purpose.CAR_FOLLOWING_THRESHOLD),
+    )
+    model = CarFollowingMix(tuple(c.car_following for c in classes), vehicles.vehicle_class)
+    acceleration = model.acceleration(situation, step_s)
+    stop_m = vehicles.stop_position_m - vehicles.position_m
+    acceleration = jnp.minimum(acceleration, model.stop_acceleration(situation, stop_m, step_s))
+    slow_m = vehicles.slow_position_m - vehicles.position_m
+    slow_mps = jnp.minimum(desired_mps, vehicles.speed_factor * vehicles.slow_limit_mps)
+    acceleration = jnp.minimum(acceleration, model.slow_acceleration(situation, slow_m, slow_mps, step_s))
+
+    up_mps2 = jnp.minimum(model.field("max_acceleration_mps2"), (desired_mps - v) / step_s)
+    # a vehicle that is faster than it wants to be slows down no harder than it is ready to
+    up_mps2 = jnp.maximum(up_mps2, -model.field("max_deceleration_mps2"))
+    acceleration = jnp.clip(acceleration, -model.field("emergency_deceleration_mps2"), up_mps2)
+    standstill = -v / step_s  # advice to go backwards is ignored
+    asked, own = vehicles.asked_advice_mps2, vehicles.own_advice_mps2
+    is_asked = (asked <= acceleration) & (asked >= standstill)
+    heeded = jnp.where(is_asked, acceleration + cooperative_speed * (asked - acceleration), acceleration)
+    acceleration = jnp.minimum(heeded, jnp.where((own <= acceleration) & (own >= standstill), own, acceleration))
+    new_v = jnp.where(is_vehicle, jnp.maximum(0.0, v + step_s * acceleration), 0.0)
+    collided = jnp.sum(is_vehicle & leader.exists & (gap_m < 0.0))
+    moved = jnp.where(is_vehicle, vehicles.position_m + step_s * new_v, vehicles.position_m)
+    vehicles = _replace(
+        vehicles, position_m=moved, speed_mps=new_v, acceleration_mps2=jnp.where(is_vehicle, (new_v - v) / step_s, 0.0)
+    )
+    return vehicles, collided
+
+
+def _replace(vehicles: VehicleArrays, **changes: Array) -> VehicleArrays:
+    fields = {name: getattr(vehicles, name) for name in VehicleArrays.__dataclass_fields__}
+    return VehicleArrays(**(fields | changes))

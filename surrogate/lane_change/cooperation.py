@@ -1,0 +1,224 @@
+"""How a vehicle that must change lane and its neighbours there adapt their speeds.
+
+Who must change follows the leader in the target lane, or overtakes him if there is time; and he asks the follower to
+open a gap, if that can work in the time left, or else lets him pass. Source: `MSLCM_LC2013::informLeader` and
+`informFollower` (semi-implicit Euler branch).
+"""
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from surrogate.car_following.base import FollowingSituation
+from surrogate.car_following.safe_speed import brake_gap_m
+from surrogate.lane_change.base import Side
+from surrogate.lane_change.gap_acceptance import Blocked, Ego, Following
+
+Value = Float[Array, " vehicle"]
+Flag = Bool[Array, " vehicle"]
+
+URGENCY = 2.0
+HELP_OVERTAKE_MPS = 10.0 / 3.6
+MIN_FALL_BEHIND_MPS2 = 7.0 / 3.6
+CUT_IN_LEFT_SPEED_MPS = 27.0
+MAX_ON_RAMP_LENGTH_M = 200.0
+CONGESTED_BELOW_MPS = 60.0 / 3.6
+CONGESTED_LIMIT_BELOW_MPS = 60.1 / 3.6
+NO_ADVICE = jnp.inf
+
+
+class Requests(eqx.Module):
+    """What a vehicle that must change asks of itself and of its two neighbours in the target lane.
+
+    Attributes:
+        own_advice_mps2: acceleration for itself; inf where none.
+        leader_advice_mps2: acceleration for the leader in the target lane; inf where none.
+        follower_advice_mps2: acceleration for the follower there; inf where none.
+        asks_follower: whether the follower is told that he is in the way.
+    """
+
+    own_advice_mps2: Value
+    leader_advice_mps2: Value
+    follower_advice_mps2: Value
+    asks_follower: Flag
+
+
+def requests(
+    ego: Ego,
+    side: Side,
+    gaps: Blocked,
+    following: Following,
+    look_ahead_speed_mps: Value,
+    is_right: bool,
+    step_s: float,
+) -> Requests:
+    """Return the requests of every vehicle as if it had to change to this side; the caller masks those that need not.
+
+    Args:
+        ego: each vehicle and its own lane.
+        side: the lane on this side.
+        gaps: who is in the way there.
+        following: car-following models.
+        look_ahead_speed_mps: LC2013's slowly decaying speed.
+        is_right: which side this is.
+        step_s: length of a time step.
+    """
+    v = ego.speed_mps
+    left_m = ego.need.remaining_m
+    num_lanes = jnp.maximum(1, jnp.abs(ego.need.best_lane_offset)).astype(v.dtype)
+    remaining_s = jnp.maximum(step_s, left_m / jnp.maximum(look_ahead_speed_mps, 1e-3) / num_lanes / URGENCY)
+    planned, own_leader_advice, leader_advice, overtakes = _deal_with_leader(
+        ego, side, gaps, following, remaining_s, is_right, step_s
+    )
+    follower_speed, asks, own_speed = _deal_with_follower(
+        ego, side, gaps, following, planned, remaining_s, is_right, step_s
+    )
+    talks_to_follower = ~overtakes & side.follower_exists
+    follower_advice = (follower_speed - side.follower_speed_mps) / step_s
+    own_follower_advice = jnp.where(talks_to_follower, (own_speed - v) / step_s, NO_ADVICE)
+    return Requests(
+        own_advice_mps2=jnp.minimum(own_leader_advice, own_follower_advice),
+        leader_advice_mps2=leader_advice,
+        follower_advice_mps2=jnp.where(talks_to_follower, follower_advice, NO_ADVICE),
+        asks_follower=talks_to_follower & asks,
+    )
+
+
+def _deal_with_leader(
+    ego: Ego, side: Side, gaps: Blocked, following: Following, remaining_s: Value, is_right: bool, step_s: float
+) -> tuple[Value, Value, Value, Flag]:
+    """Return the planned speed, the own advice, the leader's advice, and whether the leader is to be overtaken."""
+    v, leader_v = ego.speed_mps, side.leader_speed_mps
+    decel = following.max_deceleration_mps2
+    left_m = ego.need.remaining_m
+    stopping = FollowingSituation(
+        speed_mps=v,
+        gap_m=left_m,
+        leader_speed_mps=jnp.zeros_like(v),
+        leader_acceleration_mps2=jnp.zeros_like(v),
+        acceleration_mps2=ego.acceleration_mps2,
+        desired_speed_mps=ego.max_speed_mps,
+        uniform=jnp.full_like(v, 0.5),
+    )
+    stop_mps = jnp.maximum(0.0, v + step_s * following.own.stop_acceleration(stopping, left_m, step_s))
+    planned = jnp.minimum(v, stop_mps)
+
+    leader_next = leader_v - step_s * jnp.maximum(1.0, -side.leader_acceleration_mps2)
+    next_gap_m = side.leader_gap_m + step_s * (leader_next - planned)
+    follow = following.follow_speed_mps(v, next_gap_m, leader_next, ego, step_s)
+    target = jnp.maximum(jnp.maximum(0.0, v - decel * step_s), follow)
+
+    leaders = following.of(side.leader_class)
+    behind_m = leaders.secure_gap_m(leader_v, v, decel, step_s)
+    leader_length_m = following.length_m(side.leader_class)
+    overtake_m = jnp.maximum(
+        0.0, side.leader_gap_m + leader_length_m + leaders.field("jam_gap_m") + ego.length_m + behind_m
+    )
+    faster_mps = planned - leader_v
+    overtake_s = jnp.where(faster_mps > 0.0, overtake_m / jnp.maximum(faster_mps, 1e-3), remaining_s + 1.0)
+    is_banned = jnp.zeros_like(gaps.by_leader)
+    if not is_right:  # noOvertakeLCLeft
+        is_banned = (v >= CONGESTED_BELOW_MPS) & (ego.speed_limit_mps >= CONGESTED_LIMIT_BELOW_MPS)
+    room_m = left_m - brake_gap_m(v, decel, following.time_gap_s, step_s)
+    cannot = (faster_mps < 0.0) | is_banned | (room_m < overtake_m) | (remaining_s < overtake_s)
+
+    fall_behind = jnp.minimum(decel, jnp.maximum(MIN_FALL_BEHIND_MPS2, (v - target) / remaining_s))
+    slower = jnp.minimum(planned, jnp.maximum(0.0, v - step_s * fall_behind))
+    must_slow = target < v
+    blocked_plan = jnp.where(must_slow, slower, planned)
+    blocked_advice = jnp.where(must_slow, slower, target)
+
+    overtakes = gaps.by_leader & ~cannot
+    own_mps = jnp.where(gaps.by_leader, blocked_advice, target)
+    own_advice = jnp.where(side.leader_exists & ~overtakes, (own_mps - v) / step_s, NO_ADVICE)
+    plan = jnp.where(gaps.by_leader, blocked_plan, jnp.minimum(target, planned))
+    plan = jnp.where(side.leader_exists, plan, planned)
+    leader_advice = jnp.where(overtakes, 0.0, NO_ADVICE)  # the leader should not accelerate
+    return plan, own_advice, leader_advice, overtakes & side.leader_exists
+
+
+def _deal_with_follower(
+    ego: Ego,
+    side: Side,
+    gaps: Blocked,
+    following: Following,
+    planned_mps: Value,
+    remaining_s: Value,
+    is_right: bool,
+    step_s: float,
+) -> tuple[Value, Flag, Value]:
+    """Return the speed asked of the follower, whether he is told to make room, and the own speed; inf where none."""
+    v, other_v, gap_m = ego.speed_mps, side.follower_speed_mps, side.follower_gap_m
+    models = following.of(side.follower_class)
+    decel, help_decel = following.max_deceleration_mps2, models.field("max_deceleration_mps2")
+    planned = jnp.maximum(planned_mps, 0.0)
+
+    def secure_m(follower_mps: Value, leader_mps: Value) -> Value:
+        return models.secure_gap_m(follower_mps, leader_mps, decel, step_s)
+
+    def follow_mps(gap: Value) -> Value:
+        situation = FollowingSituation(
+            speed_mps=other_v,
+            gap_m=gap + models.field("jam_gap_m"),
+            leader_speed_mps=planned,
+            leader_acceleration_mps2=ego.acceleration_mps2,
+            acceleration_mps2=side.follower_acceleration_mps2,
+            desired_speed_mps=side.follower_max_speed_mps,
+            uniform=jnp.full_like(v, 0.5),
+        )
+        return models.follow_speed_mps(situation, step_s)
+
+    # fast enough to cut in without help?
+    needs_no_help = (planned - other_v >= HELP_OVERTAKE_MPS) & (
+        (secure_m(other_v, planned) - gap_m) / remaining_s < planned - other_v
+    )
+    # would a second of braking open the gap?
+    next_step = jnp.maximum(0.0, other_v - help_decel * step_s)
+    in_one_second = jnp.maximum(0.0, other_v - help_decel)
+    difference = planned - in_one_second
+    gap_then_m = gap_m + difference
+    needed_m = secure_m(in_one_second, planned)
+    first = jnp.maximum(next_step, follow_mps(gap_m + step_s * planned))
+    just_enough = jnp.maximum(next_step, follow_mps(gap_m + step_s * (planned - first)))
+    helps_now = (gap_then_m > 0.0) & (gap_then_m >= needed_m)
+    helps_eventually = (difference > 0.0) & (difference * remaining_s > needed_m - gap_then_m + 0.1)
+    # else let him pass, perhaps a little slower so that those behind him can help
+    is_congested = (other_v < CONGESTED_BELOW_MPS) | (ego.speed_limit_mps < CONGESTED_LIMIT_BELOW_MPS)
+    cannot_pass = ~is_congested if is_right else jnp.zeros_like(is_congested)
+    pass_mps = jnp.maximum(other_v, v + HELP_OVERTAKE_MPS)
+    slow_pass_mps = jnp.maximum(next_step, v + HELP_OVERTAKE_MPS)
+    wants_slow = other_v > v
+    if not is_right:
+        wants_slow = wants_slow & ((planned_mps > CUT_IN_LEFT_SPEED_MPS) | (ego.lane_length_m > MAX_ON_RAMP_LENGTH_M))
+    passes_slowly = wants_slow & ((other_v - v) / help_decel < remaining_s)
+    let_pass_mps = jnp.where(wants_slow, slow_pass_mps, pass_mps)
+
+    asked = jnp.where(
+        needs_no_help,
+        planned - HELP_OVERTAKE_MPS,
+        jnp.where(
+            helps_now,
+            just_enough,
+            jnp.where(
+                helps_eventually,
+                next_step,
+                jnp.where(cannot_pass, jnp.maximum(next_step, HELP_OVERTAKE_MPS), let_pass_mps),
+            ),
+        ),
+    )
+    falls_back = ~needs_no_help & ~helps_now & ~helps_eventually & ~cannot_pass & ~passes_slowly
+    passing_m = jnp.maximum(
+        0.0,
+        gap_m
+        + ego.length_m
+        + following.jam_gap_m
+        + following.length_m(side.follower_class)
+        + following.own.secure_gap_m(planned, let_pass_mps, help_decel, step_s),
+    )
+    fall_back_mps = jnp.maximum(let_pass_mps - passing_m / remaining_s, v - step_s * decel)
+    own_mps = jnp.where(gaps.by_follower & falls_back, fall_back_mps, NO_ADVICE)
+    # not in the way now: see that it stays so
+    first_free = follow_mps(gap_m + step_s * planned)
+    stay_free = follow_mps(gap_m + step_s * (planned - first_free))
+    asked = jnp.where(gaps.by_follower, asked, jnp.where(gaps.by_leader, stay_free, NO_ADVICE))
+    return asked, gaps.by_follower, own_mps

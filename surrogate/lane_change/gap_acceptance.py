@@ -1,0 +1,118 @@
+"""When a gap is large enough to change lane into; shared by all lane-change models that ask SUMO's question."""
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from surrogate.car_following.base import FollowingSituation
+from surrogate.lane_change.base import RouteNeed, Side
+from surrogate.vehicle_class import CarFollowingMix, select_by_class
+
+Value = Float[Array, " vehicle"]
+Flag = Bool[Array, " vehicle"]
+
+
+class Ego(eqx.Module):
+    """What a vehicle knows of itself and its own lane.
+
+    Attributes:
+        speed_mps: own speed.
+        acceleration_mps2: own last acceleration.
+        max_speed_mps: speed wanted on this lane.
+        speed_limit_mps: legal limit.
+        length_m: own length.
+        lane_length_m: length of the edge that the vehicle is on.
+        leader_exists: whether there is a leader in the own lane.
+        leader_gap_m: gap to it less the jam gap; inf where there is none.
+        leader_speed_mps: its speed.
+        leader_acceleration_mps2: its last acceleration.
+        leader_max_speed_mps: speed that it wants.
+        leader_class: its class.
+        need: what the route demands in the own row.
+    """
+
+    speed_mps: Value
+    acceleration_mps2: Value
+    max_speed_mps: Value
+    speed_limit_mps: Value
+    length_m: Value
+    lane_length_m: Value
+    leader_exists: Flag
+    leader_gap_m: Value
+    leader_speed_mps: Value
+    leader_acceleration_mps2: Value
+    leader_max_speed_mps: Value
+    leader_class: Int[Array, " vehicle"]
+    need: RouteNeed
+
+
+class Following(eqx.Module):
+    """The car-following side that lane changing asks: own model, and the models of neighbours by class.
+
+    Attributes:
+        own: models of the vehicles themselves.
+        lengths_m: length of each class.
+        jam_gap_m: own jam gap.
+        time_gap_s: own time gap.
+        max_acceleration_mps2: own bound.
+        max_deceleration_mps2: own deceleration.
+    """
+
+    own: CarFollowingMix
+    lengths_m: tuple[Float[Array, ""], ...]
+    jam_gap_m: Value
+    time_gap_s: Value
+    max_acceleration_mps2: Value
+    max_deceleration_mps2: Value
+
+    def of(self, vehicle_class: Int[Array, " vehicle"]) -> CarFollowingMix:
+        """Return the models of neighbours."""
+        return CarFollowingMix(self.own.models, vehicle_class)
+
+    def length_m(self, vehicle_class: Int[Array, " vehicle"]) -> Value:
+        """Return the lengths of neighbours."""
+        return select_by_class(self.lengths_m, vehicle_class)
+
+    def follow_speed_mps(
+        self, speed_mps: Value, gap_m: Value, leader_speed_mps: Value, ego: Ego, step_s: float
+    ) -> Value:
+        """Return the own model's next speed behind a leader at `gap_m` beyond the jam gap."""
+        situation = FollowingSituation(
+            speed_mps=speed_mps,
+            gap_m=gap_m + self.jam_gap_m,
+            leader_speed_mps=leader_speed_mps,
+            leader_acceleration_mps2=jnp.zeros_like(speed_mps),
+            acceleration_mps2=ego.acceleration_mps2,
+            desired_speed_mps=ego.max_speed_mps,
+            uniform=jnp.full_like(speed_mps, 0.5),
+        )
+        return self.own.follow_speed_mps(situation, step_s)
+
+
+class Blocked(eqx.Module):
+    """Whether a change to one side is unsafe, and because of whom."""
+
+    by_leader: Flag
+    by_follower: Flag
+
+    @property
+    def at_all(self) -> Flag:
+        """Whether anybody is in the way."""
+        return self.by_leader | self.by_follower
+
+
+def blocked(ego: Ego, side: Side, following: Following, assertive: Value, step_s: float) -> Blocked:
+    """Return whether the gaps on one side are too short.
+
+    A gap must exceed the secure gap of whoever would then follow, divided by `assertive`.
+
+    Source: `MSLaneChanger::checkChange`, with the speeds of this moment, as the gaps in SUMO 1.28's lane-change output
+    show; its sources of 2018 extrapolated them over the follower's reaction time.
+    """
+    behind = following.of(side.follower_class)
+    back_m = behind.secure_gap_m(side.follower_speed_mps, ego.speed_mps, following.max_deceleration_mps2, step_s)
+    by_follower = side.follower_exists & ((side.follower_gap_m < 0.0) | (side.follower_gap_m < back_m / assertive))
+    leader_deceleration = following.of(side.leader_class).field("max_deceleration_mps2")
+    front_m = following.own.secure_gap_m(ego.speed_mps, side.leader_speed_mps, leader_deceleration, step_s)
+    by_leader = side.leader_exists & ((side.leader_gap_m < 0.0) | (side.leader_gap_m < front_m / assertive))
+    return Blocked(by_leader, by_follower)

@@ -1,0 +1,82 @@
+"""The road along the subject vehicle's route, as arrays.
+
+Lanes that connect to one another form a *track*; tracks that never overlap share a *row*. Along a row the position
+grows downstream and has no gaps that matter: a vehicle changes row only by changing lane. An on-ramp and the
+acceleration lane it leads into are one track, and so are a deceleration lane and its off-ramp. Row 0 lies furthest to
+the right. All tables are indexed by (row, segment); a segment is a stretch on which nothing changes in any row.
+"""
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+
+class Road(eqx.Module):
+    """Static geometry. Positions are metres along the subject vehicle's route; ramps use the same axis.
+
+    Attributes:
+        cell_origin_m: position at which the first cell begins (ramps may begin before 0).
+        cell_length_m: length of the lookup cells.
+        cell_segment: segment in which each cell begins.
+        segment_end_m: where each segment ends; inf for the last.
+        speed_limit_mps: legal limit.
+        slow_position_m: where the next lower limit downstream in this row begins; inf where there is none.
+        slow_limit_mps: that lower limit.
+        left_row: row that a vehicle may change to on the left; -1 where there is none.
+        right_row: the same on the right.
+        best_lane_offset: lane changes to the lane that the route needs, left positive (SUMO's bestLaneOffset).
+        continuation_end_m: how far the route can be followed from this lane, as SUMO counts it.
+        end_position_m: the distinct places at which a track stops being of use to some route.
+        track_end: which of these ends the stretch that the route can follow in this row without a lane change.
+        stop_position_m: where a vehicle that fails to leave this lane must stand; inf where the route ends first.
+        destination_end_m: where vehicles with this destination leave the road.
+        is_carriageway: whether the subject vehicle's sensors see this piece of the row (ramps are not seen).
+        leads_elsewhere: whether the lane goes on to a road that is not the continuation of the carriageway.
+        edge_start_m: where the edge of the carriageway begins that this segment belongs to.
+        edge_length_m: length of that edge.
+        num_lanes: lanes of the carriageway in this segment, auxiliary lanes included.
+    """
+
+    cell_origin_m: Float[Array, ""]
+    cell_length_m: Float[Array, ""]
+    cell_segment: Int[Array, " cell"]
+    segment_end_m: Float[Array, " segment"]
+    speed_limit_mps: Float[Array, "row segment"]
+    slow_position_m: Float[Array, "row segment"]
+    slow_limit_mps: Float[Array, "row segment"]
+    left_row: Int[Array, "row segment"]
+    right_row: Int[Array, "row segment"]
+    best_lane_offset: Int[Array, "destination row segment"]
+    continuation_end_m: Float[Array, "destination row segment"]
+    end_position_m: Float[Array, " end"]
+    track_end: Int[Array, "destination row segment"]
+    stop_position_m: Float[Array, "destination row segment"]
+    destination_end_m: Float[Array, " destination"]
+    is_carriageway: Bool[Array, "row segment"]
+    leads_elsewhere: Bool[Array, "row segment"]
+    edge_start_m: Float[Array, " segment"]
+    edge_length_m: Float[Array, " segment"]
+    num_lanes: Float[Array, " segment"]
+
+    @property
+    def num_rows(self) -> int:
+        """Number of rows."""
+        return self.speed_limit_mps.shape[0]
+
+    @property
+    def num_segments(self) -> int:
+        """Number of segments."""
+        return self.speed_limit_mps.shape[1]
+
+    @property
+    def num_destinations(self) -> int:
+        """Number of places where vehicles leave the road."""
+        return self.destination_end_m.shape[0]
+
+    def segment_at(self, position_m: Float[Array, "..."]) -> Int[Array, "..."]:
+        """Return the segment of each position. A cell is shorter than any segment, so it meets one border at most."""
+        cell = ((position_m - self.cell_origin_m) / self.cell_length_m).astype(jnp.int32)
+        cell = jnp.clip(cell, 0, self.cell_segment.shape[0] - 1)
+        first = self.cell_segment.at[cell].get(mode="promise_in_bounds")
+        is_beyond = position_m >= self.segment_end_m.at[first].get(mode="promise_in_bounds")
+        return jnp.minimum(first + is_beyond, self.num_segments - 1)

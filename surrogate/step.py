@@ -1,0 +1,176 @@
+"""One decision interval of the whole road: move, decide about lanes, let vehicles out and in."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+from surrogate.inflow import ENTRANCE_STRIDE, Inflow, Queues, SubjectPlan, arrive, entrants, time_to_next
+from surrogate.kinematics import move
+from surrogate.lane_change.base import STAY, Reason
+from surrogate.lane_change.decide import decide
+from surrogate.lane_change.lc2013 import Lc2013
+from surrogate.lane_change.surroundings import Place
+from surrogate.reorder import Moves, new_order, rearrange
+from surrogate.road import Road
+from surrogate.traffic_state import TrafficState, VehicleArrays, empty_vehicles
+from surrogate.vehicle_class import VehicleClass, select_by_class
+
+
+class Clock(eqx.Module):
+    """Lengths of steps; choices of the trace.
+
+    Attributes:
+        step_s: car-following step.
+        steps_per_decision: steps between two decisions about lanes, arrivals and perception.
+    """
+
+    step_s: float = eqx.field(static=True)
+    steps_per_decision: int = eqx.field(static=True)
+
+    @property
+    def interval_s(self) -> float:
+        """Time between two decisions."""
+        return self.step_s * self.steps_per_decision
+
+
+class World(eqx.Module):
+    """Everything that stays the same during a run.
+
+    Attributes:
+        road: geometry.
+        inflow: where and as what vehicles enter.
+        classes: vehicle classes; that of the subject vehicle is the last.
+        demand_vehps: demand of each entrance.
+        subject: when and where the subject vehicle enters.
+        seed: seed of the run.
+    """
+
+    road: Road
+    inflow: Inflow
+    classes: tuple[VehicleClass, ...]
+    demand_vehps: Float[Array, " entrance"]
+    subject: SubjectPlan
+    seed: Int[Array, ""]
+
+
+def initial_state(world: World, capacity: int) -> TrafficState:
+    """Return an empty road at time 0.
+
+    Args:
+        world: the run.
+        capacity: entries of the vehicle arrays: rows plus the most vehicles that may be on the road at once.
+    """
+    num_rows, num_entrances = world.road.num_rows, world.inflow.num_entrances
+    entrance = jnp.arange(num_entrances, dtype=jnp.int32)
+    none = jnp.zeros((num_entrances,), jnp.int32)
+    return TrafficState(
+        vehicles=empty_vehicles(num_rows, capacity),
+        head=jnp.arange(num_rows + 1, dtype=jnp.int32),
+        step=jnp.zeros((), jnp.int32),
+        num_arrived=none,
+        num_inserted=none,
+        next_arrival=time_to_next(world.inflow, world.seed, entrance, none),
+        cumulated_demand=jnp.zeros((num_entrances,), jnp.float32),
+        subject_inserted=jnp.zeros((), bool),
+        subject_left=jnp.zeros((), bool),
+        num_tracks=jnp.zeros((), jnp.int32),
+        num_collisions=jnp.zeros((), jnp.int32),
+        num_lost=jnp.zeros((), jnp.int32),
+        num_lane_changes=jnp.zeros((len(Reason),), jnp.int32),
+    )
+
+
+def advance(state: TrafficState, world: World, clock: Clock) -> TrafficState:
+    """Return the state one decision interval later."""
+    state = _move_all(state, world, clock)
+    now_s = state.step.astype(jnp.float32) * clock.step_s
+    queues = arrive(state, world.inflow, world.demand_vehps, world.seed, now_s, clock.interval_s)
+    with jax.named_scope("lane_change"):
+        place = Place(state.vehicles, world.road, state.head)
+        decision = decide(place, world.classes, clock.interval_s, clock.step_s)
+    vehicles = _replace(
+        state.vehicles,
+        own_advice_mps2=decision.own_advice_mps2,
+        asked_advice_mps2=decision.asked_advice_mps2,
+        gain_left_memory=decision.gain_left_memory,
+        gain_right_memory=decision.gain_right_memory,
+        keep_right_memory=decision.keep_right_memory,
+        look_ahead_speed_mps=decision.look_ahead_speed_mps,
+    )
+    with jax.named_scope("enter"):
+        candidates = entrants(
+            state, queues, world.road, world.inflow, world.classes, world.subject, world.seed, now_s, clock.step_s
+        )
+    destination_m = world.road.destination_end_m.at[vehicles.destination].get(mode="promise_in_bounds")
+    leaves = vehicles.is_vehicle & (vehicles.position_m >= destination_m)
+    moves = Moves(
+        leaves_road=leaves,
+        changes_row=(decision.direction != STAY) & ~leaves,
+        entry_ahead=decision.entry_ahead,
+        entrant_ahead=candidates.entry_ahead,
+        entrant_enters=candidates.enters,
+        entrant_rank=candidates.rank,
+    )
+    with jax.named_scope("reorder"):
+        order = new_order(moves, vehicles, state.head)
+        row = jnp.where(order.has_moved, decision.target_row, vehicles.row)
+        vehicles = _look_up_lane(_replace(vehicles, row=row), place)
+        newcomers = candidates.vehicles
+        vehicles = rearrange(vehicles, newcomers, order)
+    subject_class = len(world.classes) - 1
+    enters_as_other = order.has_entered & ~candidates.is_subject
+    reasons = jnp.zeros_like(state.num_lane_changes).at[decision.reason].add(order.has_moved.astype(jnp.int32))
+    return TrafficState(
+        vehicles=vehicles,
+        head=order.head,
+        step=state.step,
+        num_arrived=queues.num_arrived,
+        num_inserted=state.num_inserted + jnp.sum(enters_as_other, axis=1, dtype=jnp.int32),
+        next_arrival=queues.next_arrival,
+        cumulated_demand=queues.cumulated_demand,
+        subject_inserted=state.subject_inserted | jnp.any(order.has_entered & candidates.is_subject),
+        subject_left=state.subject_left | jnp.any(leaves & (state.vehicles.vehicle_class == subject_class)),
+        num_tracks=state.num_tracks,
+        num_collisions=state.num_collisions,
+        num_lost=state.num_lost + order.num_lost,
+        num_lane_changes=state.num_lane_changes + reasons,
+    )
+
+
+def _move_all(state: TrafficState, world: World, clock: Clock) -> TrafficState:
+    cooperative = []
+    for vehicle_class in world.classes:
+        model = vehicle_class.lane_change
+        cooperative.append(jnp.clip(model.cooperative_speed, 0.0, 1.0) if isinstance(model, Lc2013) else jnp.ones(()))
+    cooperative_speed = select_by_class(cooperative, state.vehicles.vehicle_class)
+
+    def one_step(_: int, carry: tuple[VehicleArrays, Array, Array]) -> tuple[VehicleArrays, Array, Array]:
+        vehicles, step, num_collisions = carry
+        vehicles, collided = move(vehicles, world.classes, cooperative_speed, world.seed, step, clock.step_s)
+        return vehicles, step + 1, num_collisions + collided
+
+    with jax.named_scope("move"):
+        carry = (state.vehicles, state.step, state.num_collisions)
+        vehicles, step, num_collisions = jax.lax.fori_loop(0, clock.steps_per_decision, one_step, carry)
+    return eqx.tree_at(lambda s: (s.vehicles, s.step, s.num_collisions), state, (vehicles, step, num_collisions))
+
+
+def _look_up_lane(vehicles: VehicleArrays, place: Place) -> VehicleArrays:
+    """Return the vehicles with what the road demands of them in the row they are in now."""
+    row = jnp.minimum(vehicles.row, place.road.num_rows - 1)
+    return _replace(
+        vehicles,
+        speed_limit_mps=place.at_row(place.road.speed_limit_mps, row),
+        slow_position_m=place.at_row(place.road.slow_position_m, row),
+        slow_limit_mps=place.at_row(place.road.slow_limit_mps, row),
+        stop_position_m=place.on_route(place.road.stop_position_m, row),
+    )
+
+
+def _replace(vehicles: VehicleArrays, **changes: Array) -> VehicleArrays:
+    fields = {name: getattr(vehicles, name) for name in VehicleArrays.__dataclass_fields__}
+    return VehicleArrays(**(fields | changes))
+
+
+__all__ = ["ENTRANCE_STRIDE", "Clock", "Queues", "World", "advance", "initial_state"]

@@ -1,0 +1,133 @@
+"""The state of one simulation: the "now", nothing else.
+
+Vehicles lie in flat arrays sorted by (row, -position), so that the leader is the previous entry. Each row begins with
+a *head*, an entry at position +inf and speed 0 that stands for "no leader"; so every vehicle has an entry before it
+and `gap = inf` means no leader without any special case. Empty entries follow the last row.
+"""
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+EMPTY = -2  # class of an empty entry
+HEAD = -1  # class of the entry that opens each row
+UNSEEN = -1  # track number of a vehicle that the subject vehicle has not yet detected
+
+
+class VehicleArrays(eqx.Module):
+    """What is known of each vehicle. Arrays are sorted by (row, -position); see the module's text.
+
+    Attributes:
+        position_m: front bumper along the route.
+        speed_mps: speed at the end of the last step.
+        acceleration_mps2: speed change over the last step, per second.
+        row: row of the road; the number of rows where the entry is empty.
+        vehicle_class: index into the tuple of vehicle classes, or HEAD or EMPTY.
+        destination: index of the exit that the vehicle takes.
+        identity: (entrance, arrival number) in one integer; keys its random numbers.
+        track: number by order of first detection by the subject vehicle, or UNSEEN.
+        speed_factor: desired speed over the limit.
+        gain_left_memory: LC2013's speed-gain motive to the left.
+        gain_right_memory: the same to the right.
+        keep_right_memory: LC2013's keep-right motive, <= 0.
+        look_ahead_speed_mps: LC2013's slowly decaying speed.
+        own_advice_mps2: acceleration that the vehicle's own lane changing asks for in the coming steps; inf for none.
+        asked_advice_mps2: acceleration that other vehicles' lane changing asks for; inf for none.
+        speed_limit_mps: legal limit where the vehicle was at the last decision.
+        slow_position_m: where the next lower limit begins.
+        slow_limit_mps: that limit.
+        stop_position_m: where the vehicle must stand if it does not leave its lane.
+    """
+
+    position_m: Float[Array, " vehicle"]
+    speed_mps: Float[Array, " vehicle"]
+    acceleration_mps2: Float[Array, " vehicle"]
+    row: Int[Array, " vehicle"]
+    vehicle_class: Int[Array, " vehicle"]
+    destination: Int[Array, " vehicle"]
+    identity: Int[Array, " vehicle"]
+    track: Int[Array, " vehicle"]
+    speed_factor: Float[Array, " vehicle"]
+    gain_left_memory: Float[Array, " vehicle"]
+    gain_right_memory: Float[Array, " vehicle"]
+    keep_right_memory: Float[Array, " vehicle"]
+    look_ahead_speed_mps: Float[Array, " vehicle"]
+    own_advice_mps2: Float[Array, " vehicle"]
+    asked_advice_mps2: Float[Array, " vehicle"]
+    speed_limit_mps: Float[Array, " vehicle"]
+    slow_position_m: Float[Array, " vehicle"]
+    slow_limit_mps: Float[Array, " vehicle"]
+    stop_position_m: Float[Array, " vehicle"]
+
+    @property
+    def is_vehicle(self) -> Bool[Array, " vehicle"]:
+        """Whether the entry is a vehicle, not a head and not empty."""
+        return self.vehicle_class >= 0
+
+
+class TrafficState(eqx.Module):
+    """All that the next step needs.
+
+    Attributes:
+        vehicles: the vehicle arrays.
+        head: entry at which each row begins, and behind the last row the first empty entry.
+        step: number of the next time step.
+        num_arrived: vehicles that have asked to enter, per entrance.
+        num_inserted: vehicles that have entered, per entrance.
+        next_arrival: cumulated demand [veh] at which the next vehicle of each entrance arrives.
+        cumulated_demand: demand cumulated so far [veh], per entrance.
+        subject_inserted: whether the subject vehicle has entered.
+        subject_left: whether the subject vehicle has reached its destination.
+        num_tracks: vehicles that the subject vehicle has detected so far.
+        num_collisions: vehicle steps with overlapping vehicles.
+        num_lost: vehicles that could not enter because the arrays were full, summed over decisions.
+        num_lane_changes: lane changes by reason; see `lane_change.base.Reason`.
+    """
+
+    vehicles: VehicleArrays
+    head: Int[Array, " row_plus_one"]
+    step: Int[Array, ""]
+    num_arrived: Int[Array, " entrance"]
+    num_inserted: Int[Array, " entrance"]
+    next_arrival: Float[Array, " entrance"]
+    cumulated_demand: Float[Array, " entrance"]
+    subject_inserted: Bool[Array, ""]
+    subject_left: Bool[Array, ""]
+    num_tracks: Int[Array, ""]
+    num_collisions: Int[Array, ""]
+    num_lost: Int[Array, ""]
+    num_lane_changes: Int[Array, " reason"]
+
+
+def empty_vehicles(num_rows: int, capacity: int) -> VehicleArrays:
+    """Return arrays that hold one head per row and no vehicle."""
+    entry = jnp.arange(capacity, dtype=jnp.int32)
+    is_head = entry < num_rows
+
+    def filled(value: float) -> Float[Array, " vehicle"]:
+        return jnp.full((capacity,), value, jnp.float32)
+
+    def whole(value: int) -> Int[Array, " vehicle"]:
+        return jnp.full((capacity,), value, jnp.int32)
+
+    return VehicleArrays(
+        position_m=jnp.where(is_head, jnp.inf, -jnp.inf).astype(jnp.float32),
+        speed_mps=filled(0.0),
+        acceleration_mps2=filled(0.0),
+        row=jnp.minimum(entry, num_rows),
+        vehicle_class=jnp.where(is_head, HEAD, EMPTY).astype(jnp.int32),
+        destination=whole(0),
+        identity=whole(0),
+        track=whole(UNSEEN),
+        speed_factor=filled(1.0),
+        gain_left_memory=filled(0.0),
+        gain_right_memory=filled(0.0),
+        keep_right_memory=filled(0.0),
+        look_ahead_speed_mps=filled(0.0),
+        own_advice_mps2=filled(jnp.inf),
+        asked_advice_mps2=filled(jnp.inf),
+        speed_limit_mps=filled(1.0),
+        slow_position_m=filled(jnp.inf),
+        slow_limit_mps=filled(1.0),
+        stop_position_m=filled(jnp.inf),
+    )
