@@ -35,8 +35,9 @@ class Inflow(eqx.Module):
         end_m: where it ends; newcomers are placed on it.
         serves: whether a lane of the entrance is among the best for a destination (SUMO's departLane="best").
         is_regular: whether vehicles arrive evenly instead of at random.
-        destination_share: cumulated shares of the destinations; the last is 1.
-        class_share: cumulated shares of the vehicle classes; the last is 1.
+        flow_share: cumulated shares of the flows of each entrance; 1 from the last flow on.
+        flow_destination: destination of each flow.
+        flow_class: vehicle class of each flow.
         begin_s: when the entrance opens.
         end_s: when it closes.
     """
@@ -46,8 +47,9 @@ class Inflow(eqx.Module):
     end_m: Float[Array, " entrance"]
     serves: Bool[Array, "entrance destination lane"]
     is_regular: Bool[Array, " entrance"]
-    destination_share: Float[Array, "entrance destination"]
-    class_share: Float[Array, "entrance class_"]
+    flow_share: Float[Array, "entrance flow"]
+    flow_destination: Int[Array, "entrance flow"]
+    flow_class: Int[Array, "entrance flow"]
     begin_s: Float[Array, " entrance"]
     end_s: Float[Array, " entrance"]
 
@@ -151,9 +153,10 @@ def entrants(
 
     entrance = jnp.broadcast_to(jnp.arange(num_entrances, dtype=jnp.int32)[:, None], rank.shape)
     identity = jnp.where(is_subject, num_entrances * ENTRANCE_STRIDE, entrance * ENTRANCE_STRIDE + arrival)
-    vehicle_class = _draw(inflow.class_share, seed, identity, Purpose.VEHICLE_CLASS)
+    flow = _draw(inflow.flow_share, seed, identity, Purpose.FLOW)
+    vehicle_class = jnp.take_along_axis(inflow.flow_class, flow, axis=1)
     vehicle_class = jnp.where(is_subject, subject.vehicle_class, vehicle_class)
-    destination = _draw(inflow.destination_share, seed, identity, Purpose.DESTINATION)
+    destination = jnp.take_along_axis(inflow.flow_destination, flow, axis=1)
     destination = jnp.where(is_subject, subject.destination, destination)
     speed_factor = _speed_factor(classes, vehicle_class, seed, identity)
 

@@ -16,12 +16,9 @@ class Purpose(enum.IntEnum):
     """What a random number decides; two purposes never share a draw."""
 
     ARRIVAL = 1
-    DESTINATION = 2
+    FLOW = 2
     SPEED_FACTOR = 3
-    SPEED_FACTOR_SECOND = 4
-    CAR_FOLLOWING_THRESHOLD = 5
-    CAR_FOLLOWING_ACCELERATION = 6
-    VEHICLE_CLASS = 7
+    CAR_FOLLOWING = 4
 
 
 def _mix(bits: UInt32[Array, "..."]) -> UInt32[Array, "..."]:

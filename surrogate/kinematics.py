@@ -49,7 +49,7 @@ def move(
         leader_acceleration_mps2=leader.acceleration_mps2,
         acceleration_mps2=vehicles.acceleration_mps2,
         desired_speed_mps=desired_mps,
-        uniform=uniform(seed, vehicles.identity, step, Purpose.CAR_FOLLOWING_THRESHOLD),
+        uniform=uniform(seed, vehicles.identity, step, Purpose.CAR_FOLLOWING),
     )
     model = CarFollowingMix(tuple(c.car_following for c in classes), vehicles.vehicle_class)
     acceleration = model.acceleration(situation, step_s)

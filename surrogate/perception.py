@@ -31,6 +31,7 @@ class PerceptionFrame(eqx.Module):
         object_row: its row.
         object_offset_m: its front bumper less that of the subject vehicle, along the road.
         object_speed_mps: its speed.
+        object_lateral_m: its offset from the centre of its lane, + left; nan where unknown.
         ahead_m: range of the sensors ahead.
         behind_m: range of the sensors behind.
     """
@@ -47,6 +48,7 @@ class PerceptionFrame(eqx.Module):
     object_row: Int[Array, " object"]
     object_offset_m: Float[Array, " object"]
     object_speed_mps: Float[Array, " object"]
+    object_lateral_m: Float[Array, " object"]
     ahead_m: Float[Array, ""]
     behind_m: Float[Array, ""]
 
@@ -114,6 +116,7 @@ def perceive(
         object_row=row,
         object_offset_m=jnp.where(seen, offset, 0.0),
         object_speed_mps=jnp.where(seen, take(vehicles.speed_mps, entry), 0.0),
+        object_lateral_m=jnp.zeros_like(offset),  # lane changes take one step here
         ahead_m=sensor.ahead_m,
         behind_m=sensor.behind_m,
     )

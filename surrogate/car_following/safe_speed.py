@@ -81,3 +81,18 @@ def krauss_secure_gap_m(
     leader_deceleration_mps2 = jnp.maximum(deceleration_mps2, leader_deceleration_mps2)
     own_m = brake_gap_m(speed_mps, deceleration_mps2, reaction_time_s, step_s)
     return jnp.maximum(0.0, own_m - brake_gap_m(leader_speed_mps, leader_deceleration_mps2, 0.0, step_s))
+
+
+def late_braking_speed_mps(
+    distance_m: Value, target_speed_mps: Value, deceleration_mps2: Value, step_s: float
+) -> Value:
+    """Return the highest speed from which a lower one is still reached after `distance_m`.
+
+    Source: `MSCFModel::freeSpeed`.
+    Deviation: the continuous-time form v^2 = v_target^2 + 2 b d, with one step driven at the new speed before the next
+    deceleration; less than one step away from SUMO's discrete one.
+    """
+    distance = jnp.clip(distance_m - target_speed_mps * step_s, 0.0, 1e6)
+    half_step = 0.5 * deceleration_mps2 * step_s
+    bound = -half_step + jnp.sqrt(half_step**2 + target_speed_mps**2 + 2.0 * deceleration_mps2 * distance)
+    return jnp.maximum(bound, target_speed_mps)

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from surrogate.car_following.base import CarFollowingModel, FollowingSituation
-from surrogate.car_following.safe_speed import krauss_secure_gap_m, safe_stop_speed_mps
+from surrogate.car_following.safe_speed import krauss_secure_gap_m, late_braking_speed_mps, safe_stop_speed_mps
 
 Value = Float[Array, "..."]
 SPEED_OF_CC9_MPS = 80.0 / 3.6
@@ -85,19 +85,9 @@ class _Wiedemann99(CarFollowingModel):
     def slow_acceleration(
         self, situation: FollowingSituation, distance_m: Value, target_speed_mps: Value, step_s: float
     ) -> Value:
-        """Brake with `max_deceleration_mps2` so late that the lower limit is just met.
-
-        Source: `MSCFModel::freeSpeed`.
-        Deviation: the continuous-time form v^2 = v_target^2 + 2 b d, less than one step away from SUMO's discrete one.
-        """
-        distance = jnp.maximum(distance_m - target_speed_mps * step_s, 0.0)
-        # one step is driven at the new speed before the next deceleration
-        b = self.max_deceleration_mps2
-        bound = -0.5 * b * step_s + jnp.sqrt(
-            (0.5 * b * step_s) ** 2 + target_speed_mps**2 + 2.0 * b * jnp.minimum(distance, 1e6)
-        )
-        bound = jnp.maximum(bound, target_speed_mps)
-        accelerate = jnp.maximum((bound - situation.speed_mps) / step_s, -b)
+        """Brake with `max_deceleration_mps2` so late that the lower limit is just met."""
+        bound = late_braking_speed_mps(distance_m, target_speed_mps, self.max_deceleration_mps2, step_s)
+        accelerate = jnp.maximum((bound - situation.speed_mps) / step_s, -self.max_deceleration_mps2)
         return jnp.where(distance_m == jnp.inf, jnp.inf, accelerate)
 
     def secure_gap_m(

@@ -14,8 +14,8 @@ from surrogate.car_following.safe_speed import brake_gap_m
 from surrogate.lane_change.base import Side
 from surrogate.lane_change.gap_acceptance import Blocked, Ego, Following
 
-Value = Float[Array, " vehicle"]
-Flag = Bool[Array, " vehicle"]
+Value = Float[Array, " request"]
+Flag = Bool[Array, " request"]
 
 URGENCY = 2.0
 HELP_OVERTAKE_MPS = 10.0 / 3.6
@@ -49,18 +49,18 @@ def requests(
     gaps: Blocked,
     following: Following,
     look_ahead_speed_mps: Value,
-    is_right: bool,
+    is_right: Flag,
     step_s: float,
 ) -> Requests:
-    """Return the requests of every vehicle as if it had to change to this side; the caller masks those that need not.
+    """Return the requests of vehicles that must change lane.
 
     Args:
-        ego: each vehicle and its own lane.
-        side: the lane on this side.
+        ego: each of these vehicles and its own lane.
+        side: the lane that it must change to.
         gaps: who is in the way there.
         following: car-following models.
         look_ahead_speed_mps: LC2013's slowly decaying speed.
-        is_right: which side this is.
+        is_right: whether that lane is the right one.
         step_s: length of a time step.
     """
     v = ego.speed_mps
@@ -85,7 +85,7 @@ def requests(
 
 
 def _deal_with_leader(
-    ego: Ego, side: Side, gaps: Blocked, following: Following, remaining_s: Value, is_right: bool, step_s: float
+    ego: Ego, side: Side, gaps: Blocked, following: Following, remaining_s: Value, is_right: Flag, step_s: float
 ) -> tuple[Value, Value, Value, Flag]:
     """Return the planned speed, the own advice, the leader's advice, and whether the leader is to be overtaken."""
     v, leader_v = ego.speed_mps, side.leader_speed_mps
@@ -116,9 +116,8 @@ def _deal_with_leader(
     )
     faster_mps = planned - leader_v
     overtake_s = jnp.where(faster_mps > 0.0, overtake_m / jnp.maximum(faster_mps, 1e-3), remaining_s + 1.0)
-    is_banned = jnp.zeros_like(gaps.by_leader)
-    if not is_right:  # noOvertakeLCLeft
-        is_banned = (v >= CONGESTED_BELOW_MPS) & (ego.speed_limit_mps >= CONGESTED_LIMIT_BELOW_MPS)
+    # noOvertakeLCLeft: nobody passes on the right in free traffic, to change to the left
+    is_banned = ~is_right & (v >= CONGESTED_BELOW_MPS) & (ego.speed_limit_mps >= CONGESTED_LIMIT_BELOW_MPS)
     room_m = left_m - brake_gap_m(v, decel, following.time_gap_s, step_s)
     cannot = (faster_mps < 0.0) | is_banned | (room_m < overtake_m) | (remaining_s < overtake_s)
 
@@ -144,7 +143,7 @@ def _deal_with_follower(
     following: Following,
     planned_mps: Value,
     remaining_s: Value,
-    is_right: bool,
+    is_right: Flag,
     step_s: float,
 ) -> tuple[Value, Flag, Value]:
     """Return the speed asked of the follower, whether he is told to make room, and the own speed; inf where none."""
@@ -184,12 +183,11 @@ def _deal_with_follower(
     helps_eventually = (difference > 0.0) & (difference * remaining_s > needed_m - gap_then_m + 0.1)
     # else let him pass, perhaps a little slower so that those behind him can help
     is_congested = (other_v < CONGESTED_BELOW_MPS) | (ego.speed_limit_mps < CONGESTED_LIMIT_BELOW_MPS)
-    cannot_pass = ~is_congested if is_right else jnp.zeros_like(is_congested)
+    cannot_pass = is_right & ~is_congested
     pass_mps = jnp.maximum(other_v, v + HELP_OVERTAKE_MPS)
     slow_pass_mps = jnp.maximum(next_step, v + HELP_OVERTAKE_MPS)
-    wants_slow = other_v > v
-    if not is_right:
-        wants_slow = wants_slow & ((planned_mps > CUT_IN_LEFT_SPEED_MPS) | (ego.lane_length_m > MAX_ON_RAMP_LENGTH_M))
+    is_on_ramp = (planned_mps > CUT_IN_LEFT_SPEED_MPS) | (ego.lane_length_m > MAX_ON_RAMP_LENGTH_M)
+    wants_slow = (other_v > v) & (is_right | is_on_ramp)
     passes_slowly = wants_slow & ((other_v - v) / help_decel < remaining_s)
     let_pass_mps = jnp.where(wants_slow, slow_pass_mps, pass_mps)
 

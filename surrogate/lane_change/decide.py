@@ -1,16 +1,26 @@
 """One lane-change decision of all vehicles: look right, look left, negotiate, and settle who changes."""
 
+import equinox as eqx
+import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
+from surrogate.compaction import first_true
 from surrogate.lane_change.base import LEFT, RIGHT, STAY, LaneChangeDecision, Side
 from surrogate.lane_change.cooperation import NO_ADVICE, requests
-from surrogate.lane_change.gap_acceptance import Blocked, blocked
-from surrogate.lane_change.lc2013 import Lc2013, Memory, Wish, wish
+from surrogate.lane_change.gap_acceptance import Blocked, Ego, blocked
+from surrogate.lane_change.lc2013 import Lc2013, Memory
+from surrogate.lane_change.motives import wish
+from surrogate.lane_change.strategy import decayed_look_ahead_speed_mps, strategy
 from surrogate.lane_change.surroundings import Place, desired_speed_mps, ego_of, following_of, side_of, sight_m
+from surrogate.neighbours import take
 from surrogate.vehicle_class import VehicleClass, select_record
 
 Value = Float[Array, " vehicle"]
+Flag = Bool[Array, " vehicle"]
+
+URGENT_SHARE = 8  # at most one in so many entries negotiates in one decision; there are fewer in any traffic that moves
+FEWEST_URGENT = 24
 
 
 def decide(place: Place, classes: tuple[VehicleClass, ...], interval_s: float, step_s: float) -> LaneChangeDecision:
@@ -23,92 +33,122 @@ def decide(place: Place, classes: tuple[VehicleClass, ...], interval_s: float, s
         step_s: length of a time step.
     """
     vehicles = place.vehicles
-    following = following_of(vehicles, classes)
+    following = following_of(vehicles.vehicle_class, classes)
     desired_mps = desired_speed_mps(vehicles, classes)
     model = select_record([_lc2013(c) for c in classes], vehicles.vehicle_class)
     look_m = sight_m(vehicles, following, step_s)
     ego = ego_of(place, following, desired_mps, look_m)
-    sides = {
-        direction: side_of(place, following, desired_mps, look_m, direction == RIGHT) for direction in (RIGHT, LEFT)
-    }
-    gaps = {direction: blocked(ego, side, following, model.assertive, step_s) for direction, side in sides.items()}
+    right = side_of(place, following, desired_mps, look_m, True)
+    left = side_of(place, following, desired_mps, look_m, False)
+    right_gaps = blocked(ego, right, following, model.assertive, step_s)
+    left_gaps = blocked(ego, left, following, model.assertive, step_s)
+
+    # SUMO lets the look-ahead speed decay once for each side that there is
+    after_right = decayed_look_ahead_speed_mps(ego, vehicles.look_ahead_speed_mps, interval_s)
+    after_right = jnp.where(right.is_open, after_right, vehicles.look_ahead_speed_mps)
+    after_left = decayed_look_ahead_speed_mps(ego, after_right, interval_s)
+    after_left = jnp.where(left.is_open, after_left, after_right)
+    route_right = strategy(model, ego, right, after_right, following, True)
+    route_left = strategy(model, ego, left, after_left, following, False)
+
+    asked = _negotiate(
+        route_right.must_change, route_left.must_change, ego, (right, left), (right_gaps, left_gaps),
+        vehicles.vehicle_class, after_right, classes, -following.max_deceleration_mps2 - 1e-3, step_s,
+    )  # fmt: skip
     memory = Memory(
         gain_left=vehicles.gain_left_memory,
         gain_right=vehicles.gain_right_memory,
         keep_right=vehicles.keep_right_memory,
-        look_ahead_speed_mps=vehicles.look_ahead_speed_mps,
     )
-
-    # first round: who must change for his route, and what he asks of his neighbours
-    asks = {}
-    nobody = jnp.zeros_like(vehicles.is_vehicle)
-    for direction, side in sides.items():
-        is_right = direction == RIGHT
-        must = wish(model, ego, side, memory, following, nobody, is_right, interval_s, step_s).is_strategic
-        request = requests(ego, side, gaps[direction], following, memory.look_ahead_speed_mps, is_right, step_s)
-        asks[direction] = (must & vehicles.is_vehicle, request)
-    own_advice = asked_advice = jnp.full_like(vehicles.speed_mps, NO_ADVICE)
-    asked = {}
-    hardest = -following.max_deceleration_mps2 - 1e-3
-    for direction, (must, request) in asks.items():
-        side = sides[direction]
-        to_leader = jnp.where(must & side.leader_exists, request.leader_advice_mps2, NO_ADVICE)
-        to_follower = jnp.where(must & side.follower_exists, request.follower_advice_mps2, NO_ADVICE)
-        asked_advice = jnp.minimum(asked_advice, _deliver(to_leader, side.leader_entry, hardest))
-        asked_advice = jnp.minimum(asked_advice, _deliver(to_follower, side.follower_entry, hardest))
-        own = jnp.where(must & (request.own_advice_mps2 >= hardest), request.own_advice_mps2, NO_ADVICE)
-        own_advice = jnp.minimum(own_advice, own)
-        tells = must & request.asks_follower & side.follower_exists
-        asked[direction] = _mark(tells, side.follower_entry)
-
-    # second round: what everybody wants, right before left
-    right = wish(model, ego, sides[RIGHT], memory, following, asked[RIGHT], True, interval_s, step_s)
-    left = wish(model, ego, sides[LEFT], right.memory, following, asked[LEFT], False, interval_s, step_s)
-    for side_wish in (right, left):
-        advice = side_wish.advice_mps2
-        own_advice = jnp.where(advice >= hardest, jnp.minimum(own_advice, advice), own_advice)
-    goes_right = right.change & ~gaps[RIGHT].at_all & vehicles.is_vehicle
-    goes_left = left.change & ~gaps[LEFT].at_all & ~goes_right & vehicles.is_vehicle
-    goes_left = goes_left & ~(right.urgent & left.urgent)
-    return _settle(goes_right, goes_left, right, left, sides, (own_advice, asked_advice))
-
-
-def _settle(
-    goes_right: Array,
-    goes_left: Array,
-    right: Wish,
-    left: Wish,
-    sides: dict[int, Side],
-    advice: tuple[Value, Value],
-) -> LaneChangeDecision:
+    to_right = wish(model, ego, right, route_right, memory, following, asked.help_right, True, interval_s, step_s)
+    to_left = wish(model, ego, left, route_left, memory, following, asked.help_left, False, interval_s, step_s)
+    goes_right = to_right.change & ~right_gaps.at_all
+    goes_left = to_left.change & ~left_gaps.at_all & ~goes_right & ~(to_right.urgent & to_left.urgent)
     direction = jnp.where(goes_right, RIGHT, jnp.where(goes_left, LEFT, STAY)).astype(jnp.int32)
     moves = direction != STAY
-    zero = jnp.zeros_like(advice[0])
+    is_harder = to_left.advice_mps2 < -following.max_deceleration_mps2 - 1e-3
+    own_advice = jnp.minimum(asked.own_advice_mps2, jnp.where(is_harder, NO_ADVICE, to_left.advice_mps2))
     return LaneChangeDecision(
         direction=direction,
-        reason=jnp.where(goes_right, right.reason, left.reason).astype(jnp.int32),
-        entry_ahead=jnp.where(goes_right, sides[RIGHT].leader_entry, sides[LEFT].leader_entry),
-        target_row=jnp.where(goes_right, sides[RIGHT].row, sides[LEFT].row),
-        own_advice_mps2=advice[0],
-        asked_advice_mps2=advice[1],
-        gain_left_memory=jnp.where(moves, zero, left.memory.gain_left),
-        gain_right_memory=jnp.where(moves, zero, left.memory.gain_right),
-        keep_right_memory=jnp.where(moves, zero, left.memory.keep_right),
-        look_ahead_speed_mps=jnp.where(moves, zero, left.memory.look_ahead_speed_mps),
+        reason=jnp.where(goes_right, to_right.reason, to_left.reason).astype(jnp.int32),
+        entry_ahead=jnp.where(goes_right, right.leader_entry, left.leader_entry),
+        target_row=jnp.where(goes_right, right.row, left.row),
+        own_advice_mps2=own_advice,
+        asked_advice_mps2=asked.asked_advice_mps2,
+        gain_left_memory=jnp.where(moves, 0.0, to_left.gain),
+        gain_right_memory=jnp.where(moves, 0.0, to_right.gain),
+        keep_right_memory=jnp.where(moves, 0.0, to_right.keep_right),
+        look_ahead_speed_mps=jnp.where(moves, 0.0, after_left),
     )
 
 
-def _deliver(advice_mps2: Value, receiver: Int[Array, " vehicle"], hardest_mps2: Value) -> Value:
-    """Return for each vehicle the lowest advice sent to it; one harder than it would brake is ignored, as in SUMO."""
-    bound = hardest_mps2.at[receiver].get(mode="promise_in_bounds")
-    advice_mps2 = jnp.where(advice_mps2 >= bound, advice_mps2, NO_ADVICE)
-    nothing = jnp.full_like(advice_mps2, NO_ADVICE)
-    return nothing.at[receiver].min(advice_mps2, mode="promise_in_bounds")
+class _Asked(eqx.Module):
+    """What the vehicles that must change have asked for.
+
+    Attributes:
+        own_advice_mps2: acceleration that such a vehicle asks of itself; inf where none.
+        asked_advice_mps2: lowest acceleration asked of each vehicle by others; inf where none.
+        help_right: vehicles asked to make room by one who must change to the right.
+        help_left: the same to the left.
+    """
+
+    own_advice_mps2: Value
+    asked_advice_mps2: Value
+    help_right: Flag
+    help_left: Flag
 
 
-def _mark(tells: Array, receiver: Int[Array, " vehicle"]) -> Array:
-    """Return which vehicles are told something."""
-    return jnp.zeros_like(tells).at[receiver].max(tells, mode="promise_in_bounds")
+def _negotiate(
+    must_right: Flag,
+    must_left: Flag,
+    ego: Ego,
+    sides: tuple[Side, Side],
+    gaps: tuple[Blocked, Blocked],
+    vehicle_class: Int[Array, " vehicle"],
+    look_ahead_speed_mps: Value,
+    classes: tuple[VehicleClass, ...],
+    hardest_mps2: Value,
+    step_s: float,
+) -> _Asked:
+    """Let those who must change ask; they are few, so they are gathered first."""
+    num_entries = must_right.shape[0]
+    chosen, is_chosen = first_true(must_right | must_left, max(FEWEST_URGENT, num_entries // URGENT_SHARE))
+    is_right = take(must_right, chosen)
+
+    def pick(leaf: Array) -> Array:
+        return take(leaf, chosen)
+
+    def pick_side(right: Array, left: Array) -> Array:
+        return jnp.where(is_right, take(right, chosen), take(left, chosen))
+
+    side = jax.tree.map(pick_side, *sides)
+    request = requests(
+        jax.tree.map(pick, ego),
+        side,
+        jax.tree.map(pick_side, *gaps),
+        following_of(pick(vehicle_class), classes),
+        pick(look_ahead_speed_mps),
+        is_right,
+        step_s,
+    )
+    nothing = jnp.full((num_entries,), NO_ADVICE, jnp.float32)
+    own = jnp.where(is_chosen & (request.own_advice_mps2 >= pick(hardest_mps2)), request.own_advice_mps2, NO_ADVICE)
+    asked = nothing
+    for exists, receiver, advice in (
+        (side.leader_exists, side.leader_entry, request.leader_advice_mps2),
+        (side.follower_exists, side.follower_entry, request.follower_advice_mps2),
+    ):
+        # advice harder than the receiver would brake is ignored, as in SUMO
+        counts = is_chosen & exists & (advice >= take(hardest_mps2, receiver))
+        asked = asked.at[receiver].min(jnp.where(counts, advice, NO_ADVICE), mode="promise_in_bounds")
+    asks = is_chosen & request.asks_follower & side.follower_exists
+    nobody = jnp.zeros((num_entries,), bool)
+    return _Asked(
+        own_advice_mps2=nothing.at[chosen].min(own, mode="promise_in_bounds"),
+        asked_advice_mps2=asked,
+        help_right=nobody.at[side.follower_entry].max(asks & is_right, mode="promise_in_bounds"),
+        help_left=nobody.at[side.follower_entry].max(asks & ~is_right, mode="promise_in_bounds"),
+    )
 
 
 def _lc2013(vehicle_class: VehicleClass) -> Lc2013:
@@ -116,6 +156,3 @@ def _lc2013(vehicle_class: VehicleClass) -> Lc2013:
     if not isinstance(model, Lc2013):
         raise TypeError(f"Expected the lane-change model Lc2013 for every class, got {type(model).__name__}.")
     return model
-
-
-__all__ = ["Blocked", "decide"]

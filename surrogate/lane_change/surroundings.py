@@ -68,9 +68,9 @@ class Place:
         )
 
 
-def following_of(vehicles: VehicleArrays, classes: tuple[VehicleClass, ...]) -> Following:
-    """Return the car-following side of every vehicle."""
-    own = CarFollowingMix(tuple(c.car_following for c in classes), vehicles.vehicle_class)
+def following_of(vehicle_class: Int[Array, " vehicle"], classes: tuple[VehicleClass, ...]) -> Following:
+    """Return the car-following side of vehicles of the given classes."""
+    own = CarFollowingMix(tuple(c.car_following for c in classes), vehicle_class)
     return Following(
         own=own,
         lengths_m=tuple(c.length_m for c in classes),

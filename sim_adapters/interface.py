@@ -1,0 +1,112 @@
+"""One question, two engines: what does the subject vehicle observe under these parameter values?"""
+
+import enum
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+import numpy as np
+
+
+class Status(enum.Enum):
+    """How a run ended; its value is what a user should know."""
+
+    OK = "ok"
+    COLLIDED = "vehicles overlapped for a longer time"
+    NONFINITE = "speeds or positions became infinite or not a number"
+    OVERFULL = "more vehicles than the surrogate's arrays hold; raise the capacity"
+    SUBJECT_MISSING = "the subject vehicle never entered; the entrance was full"
+    FAILED = "the simulator failed"
+
+    @property
+    def is_ok(self) -> bool:
+        """Whether the run may win, breed and enter a mean."""
+        return self is Status.OK
+
+
+@dataclass(frozen=True)
+class ParameterLayout:
+    """Which number of a parameter vector means what.
+
+    Attributes:
+        input_ids: inputs in the order of the vector's first part, values in veh/h.
+        input_flows: flow ids of each input.
+        vtypes: vTypes whose attributes the second part sets.
+        attributes: SUMO attributes in the order of the vector's second part.
+    """
+
+    input_ids: tuple[str, ...]
+    input_flows: tuple[tuple[str, ...], ...]
+    vtypes: tuple[str, ...]
+    attributes: tuple[str, ...]
+
+    @property
+    def num_inputs(self) -> int:
+        """Number of inputs."""
+        return len(self.input_ids)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of all numbers of the vector."""
+        return (*self.input_ids, *self.attributes)
+
+
+@dataclass(frozen=True)
+class RunRequest:
+    """One run to make.
+
+    Attributes:
+        values: parameter vector in the order of the layout.
+        seed: seed of the run.
+        depart_s: when the subject vehicle departs.
+    """
+
+    values: tuple[float, ...]
+    seed: int
+    depart_s: float
+
+
+@dataclass(frozen=True)
+class RunOutcome:
+    """What came of a run.
+
+    Attributes:
+        request: what was asked.
+        status: whether it may be used.
+        observed: final state of the observer, NumPy leaves; None where the run failed.
+        num_arrived: vehicles that asked to enter, per entrance.
+        num_inserted: vehicles that entered, per entrance.
+        num_collisions: vehicle steps with overlap.
+        num_teleports: vehicles that the simulator removed.
+        wall_s: computing time of this run alone, where it is known.
+        log_tail: the simulator's last words if it failed.
+    """
+
+    request: RunRequest
+    status: Status
+    observed: Any
+    num_arrived: np.ndarray
+    num_inserted: np.ndarray
+    num_collisions: int
+    num_teleports: int = 0
+    wall_s: float = float("nan")
+    log_tail: str = field(default="", repr=False)
+
+    @property
+    def backlog_share(self) -> float:
+        """Share of the demand that had not entered by the end."""
+        arrived = float(self.num_arrived.sum())
+        return 1.0 - float(self.num_inserted.sum()) / arrived if arrived > 0 else 0.0
+
+
+class Simulator(Protocol):
+    """An engine that makes runs."""
+
+    @property
+    def layout(self) -> ParameterLayout:
+        """Meaning of the parameter vectors."""
+        ...
+
+    def run(self, requests: Sequence[RunRequest]) -> list[RunOutcome]:
+        """Make all runs and return their outcomes in the same order; failures are outcomes, not exceptions."""
+        ...

@@ -1,0 +1,80 @@
+"""SUMO's default model: Krauss with SUMO's discrete braking distances."""
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from surrogate.car_following.base import CarFollowingModel, FollowingSituation
+from surrogate.car_following.safe_speed import (
+    krauss_secure_gap_m,
+    late_braking_speed_mps,
+    safe_follow_speed_mps,
+    safe_stop_speed_mps,
+)
+
+Value = Float[Array, "..."]
+
+
+class Krauss(CarFollowingModel):
+    """Krauss' model: as fast as is safe, with random dawdling.
+
+    Attributes:
+        jam_gap_m: gap kept at standstill (minGap).
+        time_gap_s: reaction time tau.
+        max_acceleration_mps2: acceleration a.
+        max_deceleration_mps2: deceleration b that a driver is ready to use, and expects of his leader.
+        emergency_deceleration_mps2: physical bound.
+        imperfection: sigma, share of the acceleration that dawdling may take away.
+
+    Source: Krauss (1998), Microscopic modeling of traffic flow, DLR-FB 98-08; `MSCFModel_Krauss` of SUMO 1.28.
+    """
+
+    jam_gap_m: Value
+    time_gap_s: Value
+    max_acceleration_mps2: Value
+    max_deceleration_mps2: Value
+    emergency_deceleration_mps2: Value
+    imperfection: Value
+
+    def acceleration(self, situation: FollowingSituation, step_s: float) -> Value:
+        """Return the acceleration to the safe speed, less the dawdling."""
+        safe = safe_follow_speed_mps(
+            situation.gap_m - self.jam_gap_m,
+            situation.leader_speed_mps,
+            self.max_deceleration_mps2,
+            self.max_deceleration_mps2,
+            self.time_gap_s,
+            step_s,
+        )
+        v = situation.speed_mps
+        fastest = jnp.minimum(v + self.max_acceleration_mps2 * step_s, situation.desired_speed_mps)
+        wanted = jnp.minimum(safe, fastest)
+        # SUMO's dawdle2: below one step of acceleration the speed itself is the scale
+        scale = jnp.where(wanted < self.max_acceleration_mps2 * step_s, wanted, self.max_acceleration_mps2 * step_s)
+        dawdled = jnp.maximum(0.0, wanted - self.imperfection * scale * situation.uniform)
+        return (dawdled - v) / step_s
+
+    def stop_acceleration(self, situation: FollowingSituation, distance_m: Value, step_s: float) -> Value:
+        """Return the acceleration to the speed from which the vehicle still stands in time."""
+        safe = safe_stop_speed_mps(distance_m, self.max_deceleration_mps2, self.time_gap_s, step_s)
+        return (safe - situation.speed_mps) / step_s
+
+    def slow_acceleration(
+        self, situation: FollowingSituation, distance_m: Value, target_speed_mps: Value, step_s: float
+    ) -> Value:
+        """Brake so late that the lower limit is just met."""
+        bound = late_braking_speed_mps(distance_m, target_speed_mps, self.max_deceleration_mps2, step_s)
+        accelerate = jnp.maximum((bound - situation.speed_mps) / step_s, -self.max_deceleration_mps2)
+        return jnp.where(distance_m == jnp.inf, jnp.inf, accelerate)
+
+    def secure_gap_m(
+        self, speed_mps: Value, leader_speed_mps: Value, leader_deceleration_mps2: Value, step_s: float
+    ) -> Value:
+        """Return the Krauss gap."""
+        return krauss_secure_gap_m(
+            speed_mps,
+            leader_speed_mps,
+            self.max_deceleration_mps2,
+            leader_deceleration_mps2,
+            self.time_gap_s,
+            step_s,
+        )
