@@ -1,0 +1,1 @@
+"""One question, two engines: the surrogate and SUMO answer the same requests with the same observations."""

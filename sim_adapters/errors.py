@@ -1,4 +1,4 @@
-"""Errors that a user can mend, and failures of a simulator."""
+"""Errors that a user can mend."""
 
 from pathlib import Path
 
@@ -10,20 +10,11 @@ class ScenarioError(ValueError):
     """
 
     def __init__(self, file: Path | str, message: str) -> None:
-        """Join the file's name and the message."""
-        super().__init__(f"{Path(file).name}: {message}")
+        """Keep the file and the message."""
+        super().__init__(file, message)
+        self.file = Path(file)
+        self.message = message
 
-
-class SimulationFailed(RuntimeError):
-    """A simulator did not finish a run.
-
-    Attributes:
-        seed: seed of the run.
-        log_tail: the last lines that the simulator wrote.
-    """
-
-    def __init__(self, message: str, seed: int, log_tail: str = "") -> None:
-        """Keep what is needed to look into the failure."""
-        super().__init__(message)
-        self.seed = seed
-        self.log_tail = log_tail
+    def __str__(self) -> str:
+        """Return the line."""
+        return f"{self.file.name}: {self.message}"

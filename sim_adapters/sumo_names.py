@@ -92,7 +92,7 @@ MODELS = tuple(_MODEL)
 
 
 @dataclass(frozen=True)
-class UnknownAttribute(ValueError):
+class UnknownAttributeError(ValueError):
     """An attribute that the surrogate does not know for this model."""
 
     attribute: str
@@ -168,11 +168,11 @@ def with_attribute(vehicle_class: VehicleClass, model: str, attribute: str, valu
     """Return the class with one attribute changed; works on traced values.
 
     Raises:
-        UnknownAttribute: the surrogate does not know it.
+        UnknownAttributeError: the surrogate does not know it.
     """
     place = (_MODEL[model] | _COMMON).get(attribute)
     if place is None:
-        raise UnknownAttribute(attribute, known_attributes(model))
+        raise UnknownAttributeError(attribute, known_attributes(model))
     changed = eqx.tree_at(place, vehicle_class, value)
     if attribute == "decel":  # SUMO never lets the emergency deceleration lie below
         emergency = jnp.maximum(changed.car_following.emergency_deceleration_mps2, value)

@@ -1,6 +1,7 @@
 """The only conversions between the units of files and SI."""
 
 SECONDS_PER_HOUR = 3600.0
+METRES_PER_KILOMETRE = 1000.0
 KMH_PER_MPS = 3.6
 
 
@@ -26,4 +27,4 @@ def vehph_from_vehps(flow_vehps: float) -> float:
 
 def vehpkm_from_vehpm(density_vehpm: float) -> float:
     """Return a density in vehicles per kilometre."""
-    return density_vehpm * 1000.0
+    return density_vehpm * METRES_PER_KILOMETRE

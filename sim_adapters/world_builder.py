@@ -116,6 +116,18 @@ class WorldTemplate:
             seed=seed,
         )
 
+    def batch_axes(self) -> World:
+        """Return a world with 0 for each leaf that differs between runs and None for those that all runs share."""
+        shared = dict.fromkeys(Inflow.__dataclass_fields__)
+        subject = SubjectPlan(
+            depart_s=0,  # pyright: ignore[reportArgumentType]
+            entrance=self.subject_entrance,
+            destination=self.subject_destination,
+            vehicle_class=len(self.class_names) - 1,
+        )
+        inflow = Inflow(**(shared | {"flow_share": 0}))  # pyright: ignore[reportArgumentType]
+        return World(road=None, inflow=inflow, classes=0, demand_vehps=0, subject=subject, seed=0)  # pyright: ignore
+
     def _classes(self, behaviour: Float[Array, " parameter"]) -> tuple[VehicleClass, ...]:
         classes = []
         for name, model, values in zip(self.class_names, self.class_models, self.class_values, strict=True):

@@ -1,15 +1,15 @@
 """Runs the road from empty to the subject vehicle's arrival, folding an observer over what it detects.
 
-Nothing of the way is stored: the observer, given by the caller, turns each frame into its own small state.
+Nothing of the way is stored: the observer, given by the caller, turns each frame into its own small state. A batch of
+runs shares one loop, so that it ends when the last subject vehicle has arrived.
 """
 
-from collections.abc import Callable
-from typing import Any
+from typing import Any, Protocol
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from surrogate.perception import PerceptionFrame, Sensor, perceive
 from surrogate.step import Clock, World, advance, initial_state
@@ -18,87 +18,138 @@ from surrogate.traffic_state import TrafficState
 ObserverState = Any
 
 
-class Observer(eqx.Module):
-    """A fold over perception frames.
+class Observer(Protocol):
+    """A fold over perception frames."""
 
-    Attributes:
-        initial: state before the first frame.
-        update: (state, frame) -> state; frames that are not valid must leave the state as it is.
-    """
+    def start(self) -> ObserverState:
+        """Return the state before the first frame."""
+        ...
 
-    initial: ObserverState
-    update: Callable[[ObserverState, PerceptionFrame], ObserverState] = eqx.field(static=True)
+    def update(self, state: ObserverState, frame: PerceptionFrame) -> ObserverState:
+        """Return the state after one more frame; a frame that is not valid must change nothing."""
+        ...
+
+    def finish(self, state: ObserverState) -> Array:
+        """Return what the drive comes to."""
+        ...
 
 
 class RunRecord(eqx.Module):
     """What is left of a run.
 
     Attributes:
-        observed: final state of the observer.
+        observed: what the observer made of the drive.
         num_arrived: vehicles that asked to enter, per entrance.
         num_inserted: vehicles that entered, per entrance.
-        num_on_road: vehicles on the road at the end.
+        num_on_road: most vehicles on the road at once, sampled at each block's end.
         num_collisions: vehicle steps with overlapping vehicles.
         num_lost: newcomers that found the arrays full; a run with any is not valid.
         num_lane_changes: lane changes on the whole road by reason.
-        subject_left: whether the subject vehicle reached its destination.
-        end_s: when the run ended.
+        subject_entered: whether the subject vehicle found its way onto the road.
+        subject_left: whether it reached its destination.
+        is_finite: whether all positions and speeds are finite at the end.
     """
 
-    observed: ObserverState
+    observed: Array
     num_arrived: Int[Array, " entrance"]
     num_inserted: Int[Array, " entrance"]
     num_on_road: Int[Array, ""]
     num_collisions: Int[Array, ""]
     num_lost: Int[Array, ""]
     num_lane_changes: Int[Array, " reason"]
-    subject_left: Array
-    end_s: Float[Array, ""]
+    subject_entered: Bool[Array, ""]
+    subject_left: Bool[Array, ""]
+    is_finite: Bool[Array, ""]
 
 
-def warm_up(world: World, capacity: int, clock: Clock, num_decisions: int) -> TrafficState:
-    """Return the state after `num_decisions` decision intervals from an empty road."""
+class RunPlan(eqx.Module):
+    """How long runs last and how much room they have.
 
-    def body(_: int, state: TrafficState) -> TrafficState:
-        return advance(state, world, clock)
+    Attributes:
+        clock: lengths of steps.
+        capacity: entries of the vehicle arrays: rows plus the most vehicles on the road.
+        decisions_per_frame: decision intervals between two frames.
+        frames_per_block: frames between two looks at whether all subject vehicles have arrived.
+    """
 
-    return jax.lax.fori_loop(0, num_decisions, body, initial_state(world, capacity))
+    clock: Clock
+    capacity: int = eqx.field(static=True)
+    decisions_per_frame: int = eqx.field(static=True, default=1)
+    frames_per_block: int = eqx.field(static=True, default=20)
 
 
-def observe(
-    state: TrafficState,
-    observed: ObserverState,
-    world: World,
+def observe_batch(
+    worlds: World,
+    axes: World,
     sensor: Sensor,
-    clock: Clock,
     observer: Observer,
-    num_decisions: int,
-) -> tuple[TrafficState, ObserverState]:
-    """Return state and observer after `num_decisions` more intervals, each ending with a frame."""
+    plan: RunPlan,
+    first_frame_s: Float[Array, ""],
+    end_s: Float[Array, ""],
+) -> RunRecord:
+    """Return the records of a batch of runs.
 
-    def body(_: int, carry: tuple[TrafficState, ObserverState]) -> tuple[TrafficState, ObserverState]:
-        state, observed = carry
-        state = advance(state, world, clock)
-        time_s = state.step.astype(jnp.float32) * clock.step_s
-        with jax.named_scope("perceive"):
-            state, frame = perceive(state, world.road, sensor, len(world.classes) - 1, time_s)
-        with jax.named_scope("observe"):
-            observed = observer.update(observed, frame)
-        return state, observed
+    Args:
+        worlds: the runs; leaves that differ between runs have a leading axis for them.
+        axes: a world with 0 where `worlds` has that axis and None where all runs share a leaf.
+        sensor: the subject vehicles' sensors.
+        observer: fold over their frames.
+        plan: step lengths and room.
+        first_frame_s: frames begin after this time; no subject vehicle may depart earlier.
+        end_s: runs end then at the latest.
+    """
+    clock = plan.clock
+    subject_class = len(worlds.classes) - 1
 
-    return jax.lax.fori_loop(0, num_decisions, body, (state, observed))
+    def first(world: World) -> TrafficState:
+        return initial_state(world, plan.capacity)
 
+    def unseen(_: Int[Array, ""], states: TrafficState) -> TrafficState:
+        return jax.vmap(lambda state, world: advance(state, world, clock), in_axes=(0, axes))(states, worlds)
 
-def record(state: TrafficState, observed: ObserverState, clock: Clock) -> RunRecord:
-    """Return what is left of a run."""
+    def seen(_: Int[Array, ""], carry: tuple[TrafficState, ObserverState]) -> tuple[TrafficState, ObserverState]:
+        def one(state: TrafficState, observed: ObserverState, world: World) -> tuple[TrafficState, ObserverState]:
+            for _ in range(plan.decisions_per_frame):
+                state = advance(state, world, clock)
+            time_s = state.step.astype(jnp.float32) * clock.step_s
+            with jax.named_scope("perceive"):
+                state, frame = perceive(state, world.road, sensor, subject_class, time_s)
+            with jax.named_scope("observe"):
+                return state, observer.update(observed, frame)
+
+        return jax.vmap(one, in_axes=(0, 0, axes))(*carry, worlds)
+
+    def block(
+        carry: tuple[TrafficState, ObserverState, Int[Array, " run"]],
+    ) -> tuple[TrafficState, ObserverState, Int[Array, " run"]]:
+        states, observed, most = carry
+        states, observed = jax.lax.fori_loop(0, plan.frames_per_block, seen, (states, observed))
+        return states, observed, jnp.maximum(most, _num_on_road(states))
+
+    def goes_on(carry: tuple[TrafficState, ObserverState, Int[Array, " run"]]) -> Bool[Array, ""]:
+        states = carry[0]
+        is_early = states.step[0].astype(jnp.float32) * clock.step_s < end_s
+        return is_early & ~jnp.all(states.subject_left)
+
+    num_runs = worlds.seed.shape[0]
+    num_unseen = (first_frame_s / clock.interval_s).astype(jnp.int32)
+    states = jax.lax.fori_loop(0, num_unseen, unseen, jax.vmap(first, in_axes=(axes,), axis_size=num_runs)(worlds))
+    start = observer.start()
+    observed = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (num_runs, *jnp.shape(leaf))), start)
+    states, observed, most = jax.lax.while_loop(goes_on, block, (states, observed, _num_on_road(states)))
     return RunRecord(
-        observed=observed,
-        num_arrived=state.num_arrived,
-        num_inserted=state.num_inserted,
-        num_on_road=state.head[-1] - (state.head.shape[0] - 1),
-        num_collisions=state.num_collisions,
-        num_lost=state.num_lost,
-        num_lane_changes=state.num_lane_changes,
-        subject_left=state.subject_left,
-        end_s=state.step.astype(jnp.float32) * clock.step_s,
+        observed=jax.vmap(observer.finish)(observed),
+        num_arrived=states.num_arrived,
+        num_inserted=states.num_inserted,
+        num_on_road=most,
+        num_collisions=states.num_collisions,
+        num_lost=states.num_lost,
+        num_lane_changes=states.num_lane_changes,
+        subject_entered=states.subject_inserted,
+        subject_left=states.subject_left,
+        is_finite=jnp.all(jnp.isfinite(states.vehicles.speed_mps), axis=1),
     )
+
+
+def _num_on_road(states: TrafficState) -> Int[Array, " run"]:
+    return states.head[:, -1] - (states.head.shape[1] - 1)

@@ -1,0 +1,1 @@
+"""Car-following models, one file each."""

@@ -50,6 +50,7 @@ def requests(
     following: Following,
     look_ahead_speed_mps: Value,
     is_right: Flag,
+    interval_s: float,
     step_s: float,
 ) -> Requests:
     """Return the requests of vehicles that must change lane.
@@ -61,6 +62,7 @@ def requests(
         following: car-following models.
         look_ahead_speed_mps: LC2013's slowly decaying speed.
         is_right: whether that lane is the right one.
+        interval_s: time until the next decision.
         step_s: length of a time step.
     """
     v = ego.speed_mps
@@ -70,12 +72,11 @@ def requests(
     planned, own_leader_advice, leader_advice, overtakes = _deal_with_leader(
         ego, side, gaps, following, remaining_s, is_right, step_s
     )
-    follower_speed, asks, own_speed = _deal_with_follower(
-        ego, side, gaps, following, planned, remaining_s, is_right, step_s
+    follower_advice, asks, own_follower_advice = _deal_with_follower(
+        ego, side, gaps, following, planned, remaining_s, is_right, interval_s, step_s
     )
     talks_to_follower = ~overtakes & side.follower_exists
-    follower_advice = (follower_speed - side.follower_speed_mps) / step_s
-    own_follower_advice = jnp.where(talks_to_follower, (own_speed - v) / step_s, NO_ADVICE)
+    own_follower_advice = jnp.where(talks_to_follower, own_follower_advice, NO_ADVICE)
     return Requests(
         own_advice_mps2=jnp.minimum(own_leader_advice, own_follower_advice),
         leader_advice_mps2=leader_advice,
@@ -144,9 +145,14 @@ def _deal_with_follower(
     planned_mps: Value,
     remaining_s: Value,
     is_right: Flag,
+    interval_s: float,
     step_s: float,
 ) -> tuple[Value, Flag, Value]:
-    """Return the speed asked of the follower, whether he is told to make room, and the own speed; inf where none."""
+    """Return acceleration asked of the follower, whether he is told to make room, own acceleration; inf where none.
+
+    SUMO names speeds for the next step. Where such a speed is that of another vehicle rather than a step of braking,
+    it is to be reached by the next decision only.
+    """
     v, other_v, gap_m = ego.speed_mps, side.follower_speed_mps, side.follower_gap_m
     models = following.of(side.follower_class)
     decel, help_decel = following.max_deceleration_mps2, models.field("max_deceleration_mps2")
@@ -191,16 +197,23 @@ def _deal_with_follower(
     passes_slowly = wants_slow & ((other_v - v) / help_decel < remaining_s)
     let_pass_mps = jnp.where(wants_slow, slow_pass_mps, pass_mps)
 
+    def by_next_step(speed_mps: Value) -> Value:
+        return (speed_mps - other_v) / step_s
+
+    def by_next_decision(speed_mps: Value) -> Value:
+        return (speed_mps - other_v) / interval_s
+
+    let_pass = jnp.maximum(jnp.where(wants_slow, -help_decel, -jnp.inf), by_next_decision(let_pass_mps))
     asked = jnp.where(
         needs_no_help,
-        planned - HELP_OVERTAKE_MPS,
+        by_next_decision(planned - HELP_OVERTAKE_MPS),
         jnp.where(
             helps_now,
-            just_enough,
+            by_next_step(just_enough),
             jnp.where(
                 helps_eventually,
-                next_step,
-                jnp.where(cannot_pass, jnp.maximum(next_step, HELP_OVERTAKE_MPS), let_pass_mps),
+                by_next_step(next_step),
+                jnp.where(cannot_pass, by_next_step(jnp.maximum(next_step, HELP_OVERTAKE_MPS)), let_pass),
             ),
         ),
     )
@@ -213,10 +226,10 @@ def _deal_with_follower(
         + following.length_m(side.follower_class)
         + following.own.secure_gap_m(planned, let_pass_mps, help_decel, step_s),
     )
-    fall_back_mps = jnp.maximum(let_pass_mps - passing_m / remaining_s, v - step_s * decel)
-    own_mps = jnp.where(gaps.by_follower & falls_back, fall_back_mps, NO_ADVICE)
+    fall_back = jnp.maximum((let_pass_mps - passing_m / remaining_s - v) / interval_s, -decel)
+    own = jnp.where(gaps.by_follower & falls_back, fall_back, NO_ADVICE)
     # not in the way now: see that it stays so
     first_free = follow_mps(gap_m + step_s * planned)
     stay_free = follow_mps(gap_m + step_s * (planned - first_free))
-    asked = jnp.where(gaps.by_follower, asked, jnp.where(gaps.by_leader, stay_free, NO_ADVICE))
-    return asked, gaps.by_follower, own_mps
+    asked = jnp.where(gaps.by_follower, asked, jnp.where(gaps.by_leader, by_next_step(stay_free), NO_ADVICE))
+    return asked, gaps.by_follower, own

@@ -8,7 +8,7 @@ from jaxtyping import Array, Bool, Float, Int
 from surrogate.compaction import first_true
 from surrogate.lane_change.base import LEFT, RIGHT, STAY, LaneChangeDecision, Side
 from surrogate.lane_change.cooperation import NO_ADVICE, requests
-from surrogate.lane_change.gap_acceptance import Blocked, Ego, blocked
+from surrogate.lane_change.gap_acceptance import Blocked, Ego, Following, blocked
 from surrogate.lane_change.lc2013 import Lc2013, Memory
 from surrogate.lane_change.motives import wish
 from surrogate.lane_change.strategy import decayed_look_ahead_speed_mps, strategy
@@ -53,7 +53,7 @@ def decide(place: Place, classes: tuple[VehicleClass, ...], interval_s: float, s
 
     asked = _negotiate(
         route_right.must_change, route_left.must_change, ego, (right, left), (right_gaps, left_gaps),
-        vehicles.vehicle_class, after_right, classes, -following.max_deceleration_mps2 - 1e-3, step_s,
+        vehicles.vehicle_class, after_right, classes, -following.max_deceleration_mps2 - 1e-3, interval_s, step_s,
     )  # fmt: skip
     memory = Memory(
         gain_left=vehicles.gain_left_memory,
@@ -64,8 +64,11 @@ def decide(place: Place, classes: tuple[VehicleClass, ...], interval_s: float, s
     to_left = wish(model, ego, left, route_left, memory, following, asked.help_left, False, interval_s, step_s)
     goes_right = to_right.change & ~right_gaps.at_all
     goes_left = to_left.change & ~left_gaps.at_all & ~goes_right & ~(to_right.urgent & to_left.urgent)
+    moves = goes_right | goes_left
     direction = jnp.where(goes_right, RIGHT, jnp.where(goes_left, LEFT, STAY)).astype(jnp.int32)
-    moves = direction != STAY
+    if interval_s > step_s:  # there and back between two decisions: nothing is left of it but empty memories
+        returns = goes_left & to_left.reverts & ~_is_held_by_leader(ego, following, model.assertive, step_s)
+        direction = jnp.where(returns, STAY, direction)
     is_harder = to_left.advice_mps2 < -following.max_deceleration_mps2 - 1e-3
     own_advice = jnp.minimum(asked.own_advice_mps2, jnp.where(is_harder, NO_ADVICE, to_left.advice_mps2))
     return LaneChangeDecision(
@@ -80,6 +83,13 @@ def decide(place: Place, classes: tuple[VehicleClass, ...], interval_s: float, s
         keep_right_memory=jnp.where(moves, 0.0, to_right.keep_right),
         look_ahead_speed_mps=jnp.where(moves, 0.0, after_left),
     )
+
+
+def _is_held_by_leader(ego: Ego, following: Following, assertive: Value, step_s: float) -> Flag:
+    """Return whether the leader in the own lane is too near to change into that lane behind him."""
+    deceleration = following.of(ego.leader_class).field("max_deceleration_mps2")
+    secure_m = following.own.secure_gap_m(ego.speed_mps, ego.leader_speed_mps, deceleration, step_s)
+    return ego.leader_exists & (ego.leader_gap_m < secure_m / assertive)
 
 
 class _Asked(eqx.Module):
@@ -108,6 +118,7 @@ def _negotiate(
     look_ahead_speed_mps: Value,
     classes: tuple[VehicleClass, ...],
     hardest_mps2: Value,
+    interval_s: float,
     step_s: float,
 ) -> _Asked:
     """Let those who must change ask; they are few, so they are gathered first."""
@@ -129,6 +140,7 @@ def _negotiate(
         following_of(pick(vehicle_class), classes),
         pick(look_ahead_speed_mps),
         is_right,
+        interval_s,
         step_s,
     )
     nothing = jnp.full((num_entries,), NO_ADVICE, jnp.float32)

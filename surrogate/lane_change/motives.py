@@ -35,6 +35,7 @@ class Wish(eqx.Module):
         gain: updated memory of the gain on this side.
         keep_right: updated memory.
         advice_mps2: acceleration that the vehicle advises itself; inf where none.
+        reverts: whether it would go back in the next step, long before the next decision.
     """
 
     change: Flag
@@ -43,6 +44,7 @@ class Wish(eqx.Module):
     gain: Value
     keep_right: Value
     advice_mps2: Value
+    reverts: Flag
 
 
 def wish(
@@ -83,9 +85,11 @@ def wish(
     cap, gain = ego.max_speed_mps, memory.gain_right if is_right else memory.gain_left
     is_nudged = jnp.zeros_like(is_congested)
     if not is_right:  # VARIANT_20 (noOvertakeRight)
-        slower = _slower_leader_on_the_left(ego, side, following, gain < threshold_left, step_s)
+        slower = _slower_leader_on_the_left(ego, side, following, gain, threshold_left, interval_s, step_s)
         applies = side.is_open & ~route.must_change & ~is_congested & slower.applies
-        advice = jnp.where(applies, (slower.safe_speed_mps - v) / step_s, advice)
+        is_slow_road = ego.speed_limit_mps < CONGESTED_LIMIT_BELOW_MPS
+        advises = side.is_open & ~route.must_change & ~is_slow_road & slower.advises
+        advice = jnp.where(advises, slower.advice_mps2, advice)
         cap = jnp.where(applies, jnp.minimum(cap, slower.safe_speed_mps), cap)
         is_nudged = applies & (slower.share > 0.0)
         gain = jnp.where(applies, gain + interval_s * slower.share * slower.relative_gain, gain)
@@ -100,6 +104,8 @@ def wish(
         ego, following, ego.leader_exists, ego.leader_gap_m, ego.leader_speed_mps, ego.leader_class,
         ego.need.from_edge_m, is_accelerating, step_s,
     )  # fmt: skip
+    # from a lane that does not serve the route, SUMO goes back as soon as that one is no slower
+    reverts = (side.need.best_lane_offset * (-1 if is_right else 1) < 0) & (this_mps > side_mps)
     this_mps = jnp.minimum(this_mps, cap)
 
     # cooperative
@@ -142,6 +148,7 @@ def wish(
         gain=jnp.where(weighs, gain, unchanged_gain),
         keep_right=jnp.where(weighs, keep_right, memory.keep_right),
         advice_mps2=advice,
+        reverts=change & ~route.must_change & reverts,
     )
 
 
@@ -176,19 +183,23 @@ class _SlowerLeader(eqx.Module):
 
     Attributes:
         applies: whether there is one.
+        advises: whether there is one, or will be one before the next decision.
         safe_speed_mps: speed that stays behind him.
+        advice_mps2: acceleration until the next decision that stays behind him.
         share: share of the time for which he makes the driver wish to go left, because braking is near.
         relative_gain: gain that the driver then counts, per second.
     """
 
     applies: Flag
+    advises: Flag
     safe_speed_mps: Value
+    advice_mps2: Value
     share: Value
     relative_gain: Value
 
 
 def _slower_leader_on_the_left(
-    ego: Ego, side: Side, following: Following, is_below_threshold: Flag, step_s: float
+    ego: Ego, side: Side, following: Following, gain: Value, threshold: Value, interval_s: float, step_s: float
 ) -> _SlowerLeader:
     """Return how a vehicle avoids passing a slower leader on the left lane on his right.
 
@@ -200,16 +211,39 @@ def _slower_leader_on_the_left(
     difference = jnp.maximum(ego.max_speed_mps - side.leader_max_speed_mps, v - side.leader_speed_mps)
     hardest = v - following.max_deceleration_mps2 * step_s
     follow = following.follow_speed_mps(v, side.leader_gap_m, side.leader_speed_mps, ego, step_s)
+    is_below_threshold = gain < threshold
     safe = jnp.where(follow >= hardest, follow, jnp.maximum(hardest, side.leader_speed_mps - HELP_OVERTAKE_MPS))
     safe = jnp.where(is_below_threshold, jnp.maximum(safe, side.leader_speed_mps), safe)
     future_gap_m = side.leader_gap_m - 8.0 * difference
     future = following.follow_speed_mps(v, future_gap_m, side.leader_speed_mps, ego, step_s)
     is_free = (future == follow) & (follow > v)
+    share = jnp.where(future < safe, 1.0, is_free * 0.5)
+    relative_gain = difference / jnp.maximum(ego.max_speed_mps, RELATIVE_GAIN_MIN_SPEED_MPS)
+
+    # SUMO names a speed for each step anew; here one acceleration lasts until the next decision. Braking relaxes as
+    # the speed falls; the rule ends where traffic counts as congested or, if the leader would go as fast as oneself, at
+    # his speed, and comes back above: in between decisions, the speed is to stay at that level.
+    wait_s = interval_s - step_s
+    now = jnp.maximum((follow - v) / step_s, -following.max_deceleration_mps2)
+    braking = jnp.minimum(now, 0.0)
+    half_way_mps = v + 0.5 * wait_s * braking
+    then_mps = following.follow_speed_mps(half_way_mps, side.leader_gap_m, side.leader_speed_mps, ego, step_s)
+    relief = jnp.maximum((then_mps - half_way_mps) / step_s - now, 0.0) / jnp.maximum(-braking, 0.1)
+    now = jnp.where(now < 0.0, now / (1.0 + relief), now)  # mean of a braking that relaxes exponentially
+    fall_behind = (side.leader_speed_mps - HELP_OVERTAKE_MPS - v) / interval_s
+    advice = jnp.where(follow >= hardest, now, jnp.maximum(now, fall_behind))
+    advice = jnp.where(is_below_threshold, jnp.maximum(advice, (side.leader_speed_mps - v) / interval_s), advice)
+    is_lasting = ego.max_speed_mps > side.leader_max_speed_mps
+    level_mps = jnp.maximum(CONGESTED_BELOW_MPS, jnp.where(is_lasting, 0.0, side.leader_speed_mps))
+    advice = jnp.maximum(advice, (level_mps + jnp.minimum(advice, 0.0) * step_s - v) / interval_s)
+    ahead_mps = v + following.max_acceleration_mps2 * wait_s
     return _SlowerLeader(
         applies=side.leader_exists & (difference > 0.0),
+        advises=side.leader_exists & (ahead_mps > level_mps),
         safe_speed_mps=safe,
-        share=jnp.where(future < safe, 1.0, is_free * 0.5),
-        relative_gain=difference / jnp.maximum(ego.max_speed_mps, RELATIVE_GAIN_MIN_SPEED_MPS),
+        advice_mps2=advice,
+        share=share,
+        relative_gain=relative_gain,
     )
 
 

@@ -1,0 +1,240 @@
+"""What stands in case.toml, checked key by key; the only file that uses msgspec."""
+
+import difflib
+import re
+import tomllib
+import typing
+from pathlib import Path
+from types import UnionType
+from typing import Annotated, Any
+
+import msgspec
+from msgspec import Meta
+
+from jaxcalib.errors import CaseError, quote, shorten
+
+FILE_NAME = "case.toml"
+LARGEST_BYTES = 65_536
+MOST_DOTS = 20  # dotted keys cost quadratic time in the standard library's parser: 40 kB of them took 8.9 s
+LONGEST_NAME = 200
+
+# Every number has bounds on both sides, for TOML knows `inf` and `nan`.
+PositiveLength = Annotated[float, Meta(gt=0.0, le=100_000.0, description="a number > 0 and at most 100000")]
+Instant = Annotated[float, Meta(ge=0.0, le=1e7, description="a number >= 0 and at most 1e7")]
+Duration = Annotated[float, Meta(gt=0.0, le=1e7, description="a number > 0 and at most 1e7")]
+StepLength = Annotated[float, Meta(gt=0.0, le=10.0, description="a number > 0 and at most 10")]
+Name = Annotated[
+    str,
+    Meta(
+        min_length=1,
+        max_length=LONGEST_NAME,
+        pattern=r"^[^\x00-\x1f\x7f]+$",
+        description=f"text of 1 to {LONGEST_NAME} characters, none of them a control character",
+    ),
+]
+FileStem = Annotated[
+    str,
+    Meta(
+        min_length=1,
+        max_length=LONGEST_NAME,
+        pattern=r"^[^\x00-\x1f\x7f/\\.][^\x00-\x1f\x7f/\\]*$",  # results of a drive may be filed under its id
+        description=f"text of 1 to {LONGEST_NAME} characters without / and \\, not beginning with a dot",
+    ),
+]
+FilePath = Annotated[str, Meta(min_length=1, max_length=4096, description="the path of a file in the case's folder")]
+Names = Annotated[tuple[Name, ...], Meta(min_length=1, description="a list of at least one name")]
+
+
+class ScenarioSection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Section [scenario]."""
+
+    config: FilePath
+    warmup_s: Instant
+    duration_s: Duration
+    step_s: StepLength
+
+
+class SubjectSection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Section [subject]."""
+
+    vtype: Name
+    vehicle: Name
+
+
+class PerceptionSection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Section [perception]."""
+
+    ahead_m: PositiveLength
+    behind_m: PositiveLength
+    reference: Annotated[str, Meta(pattern="^front$", description='"front" (front bumper to front bumper)')]
+    nominal_length_m: PositiveLength
+
+
+class BehaviourSection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Section [behaviour]."""
+
+    vtypes: Names
+    car_following: Name
+    parameters: Names | None = None
+
+
+class InputSection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """One [[input]]."""
+
+    id: Name
+    flows: Names
+
+
+class DriveSection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """One [[drive]]."""
+
+    id: FileStem
+    depart_s: Instant
+    subject: FilePath
+    objects: FilePath
+    role: Annotated[str, Meta(pattern="^(fit|held_out)$", description='"fit" or "held_out"')]
+
+
+class CaseTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The whole file."""
+
+    format: Annotated[int, Meta(ge=1, le=1, description="1, the format that this version reads")]
+    name: Name
+    perception: PerceptionSection
+    scenario: ScenarioSection | None = None
+    subject: SubjectSection | None = None
+    behaviour: BehaviourSection | None = None
+    input: tuple[InputSection, ...] = ()
+    drive: tuple[DriveSection, ...] = ()
+
+
+def read_case_table(folder: Path) -> CaseTable:
+    """Read case.toml and check each key for itself.
+
+    Raises:
+        CaseError: the file is missing, too large or not TOML, a key is missing or unknown, a value has the wrong type
+            or lies out of its range.
+    """
+    data = _parse(_text(folder))
+    try:
+        return msgspec.convert(data, CaseTable)
+    except msgspec.ValidationError as error:
+        raise _case_error(str(error), data) from None
+    except RecursionError:
+        raise CaseError(FILE_NAME, "", "expected fewer levels of tables and lists in one another.") from None
+
+
+def _text(folder: Path) -> str:
+    file = folder / FILE_NAME
+    try:
+        if not file.is_file():
+            raise CaseError(FILE_NAME, "", f"expected this file in the folder {quote(str(folder))}; there is none.")
+        with file.open("rb") as stream:
+            content = stream.read(LARGEST_BYTES + 1)
+    except (OSError, ValueError) as error:
+        if isinstance(error, CaseError):
+            raise
+        raise CaseError(FILE_NAME, "", f"expected a file that can be read: {shorten(str(error))}.") from None
+    if len(content) > LARGEST_BYTES:
+        raise CaseError(FILE_NAME, "", f"expected at most {LARGEST_BYTES // 1024} KiB.")
+    try:
+        return content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        row = content[: error.start].count(b"\n") + 1
+        raise CaseError(FILE_NAME, f"line {row}", "expected UTF-8 text.") from None
+
+
+def _parse(text: str) -> dict[str, Any]:
+    for row, line in enumerate(text.split("\n"), start=1):
+        if line.count(".") > MOST_DOTS and re.sub(r"\"[^\"]*\"|'[^']*'|#.*", "", line).count(".") > MOST_DOTS:
+            raise CaseError(FILE_NAME, f"line {row}", f"expected at most {MOST_DOTS} dots outside of quotes.")
+    try:
+        return tomllib.loads(text)
+    except RecursionError:
+        raise CaseError(FILE_NAME, "", "expected fewer levels of tables and lists in one another.") from None
+    except ValueError as error:
+        raise CaseError(FILE_NAME, "", f"expected TOML: {shorten(str(error), 150)}.") from None
+
+
+def _case_error(message: str, data: dict[str, Any]) -> CaseError:
+    """Say the same as msgspec in our words: the key as the user wrote it, what was expected, what stands there."""
+    if odd := _odd_key(data, data, CaseTable, []):
+        return odd
+    path = _steps(message.rpartition(" - at `$")[2])
+    found: Any = data
+    for step in path:
+        found = found[step]
+    return CaseError(FILE_NAME, _place(path, data), f"expected {_description(path)}, got {quote(found)}.")
+
+
+def _odd_key(root: Any, data: Any, annotation: Any, path: list[str | int]) -> CaseError | None:
+    """Return the error for the first unknown or missing key; msgspec's message may contain the stranger's own text."""
+    table = _bare(annotation)
+    if isinstance(data, list) and typing.get_origin(table) is tuple:
+        odd = (_odd_key(root, item, typing.get_args(table)[0], [*path, index]) for index, item in enumerate(data))
+        return next(filter(None, odd), None)
+    if not isinstance(data, dict) or not isinstance(table, type) or not issubclass(table, msgspec.Struct):
+        return None
+    known = _fields(table)
+    for key in data:
+        if key not in known:
+            close = difflib.get_close_matches(key, known, n=1)
+            hint = f'did you mean "{close[0]}"?' if close else f"the keys here are {', '.join(known)}."
+            return CaseError(FILE_NAME, _place([*path, key], root), f"expected no such key; {hint}")
+    for field in msgspec.structs.fields(table):
+        here = [*path, field.name]
+        if field.required and field.name not in data:
+            return CaseError(FILE_NAME, _place(here, root), f"expected {_description(here)}; missing.")
+    odd = (_odd_key(root, data[key], known[key], [*path, key]) for key in data)
+    return next(filter(None, odd), None)
+
+
+def _steps(where: str) -> list[str | int]:
+    """Split msgspec's path, for example `.drive[1].id`."""
+    return [int(index) if index else key for key, index in re.findall(r"\.(\w+)|\[(\d+)\]", where)]
+
+
+def _place(path: list[str | int], data: Any) -> str:
+    """Return a path as messages show it; [[drive]] and [[input]] by their id, or counted from 1."""
+    place = ""
+    for step in path:
+        data = data[step] if isinstance(step, int) else data.get(step) if isinstance(data, dict) else None
+        if isinstance(step, int):
+            name = data.get("id") if isinstance(data, dict) else None
+            place += f"[{shorten(name) if isinstance(name, str) else step + 1}]"
+        else:
+            place += f".{shorten(step)}" if place else shorten(step)
+    return place
+
+
+def _annotation(path: list[str | int]) -> Any:
+    """Return the declared type at a path."""
+    here: Any = CaseTable
+    for step in path:
+        bare = _bare(here)
+        here = typing.get_args(bare)[0] if isinstance(step, int) else _fields(bare)[step]
+    return here
+
+
+def _bare(annotation: Any) -> Any:
+    """Return a type without what `Annotated` and `| None` add to it."""
+    if typing.get_origin(annotation) is Annotated:
+        return _bare(typing.get_args(annotation)[0])
+    if isinstance(annotation, UnionType) or typing.get_origin(annotation) is typing.Union:
+        return _bare(typing.get_args(annotation)[0])
+    return annotation
+
+
+def _fields(table: Any) -> dict[str, Any]:
+    return typing.get_type_hints(_bare(table), include_extras=True)
+
+
+def _description(path: list[str | int]) -> str:
+    annotation = _annotation(path)
+    if isinstance(annotation, UnionType) or typing.get_origin(annotation) is typing.Union:
+        annotation = typing.get_args(annotation)[0]
+    if typing.get_origin(annotation) is Annotated:
+        return next(meta.description for meta in typing.get_args(annotation)[1:] if meta.description)
+    if typing.get_origin(annotation) is tuple:
+        return f"one or more tables [[{path[-1]}]]"
+    return f"a table [{path[-1]}]" if isinstance(path[-1], str) else "a table"

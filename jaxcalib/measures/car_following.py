@@ -1,0 +1,113 @@
+"""Headways, spacing, duration and oscillation of car-following (Table 2, Eqs. 24-27).
+
+A *time headway* is front to front, spacing / speed; a *time gap* is rear to front, gap / speed. The paper says
+"headway" and "t"; the MoEs use the time headway, and the time gap is reported beside it. A vehicle follows if its time
+headway is shorter than the longest in the settings; without a leader in range, or with one further away, it does not,
+and its headway is censored, not short.
+"""
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from jaxcalib.measures.fold import Fold, by_index, indexed
+from jaxcalib.measures.scene import Scene
+
+HEADWAY_BORDER_S = (0.0, 0.75, 1.0, 1.25, 1.5, 1.75, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0)
+SPEED_BORDER_MPS = (0.0, 8.0, 12.0, 16.0, 20.0, 24.0, 28.0)  # the last class is open
+
+
+class CarFollowing(Fold):
+    """Car-following of the subject vehicle and of the background traffic."""
+
+    def names(self) -> tuple[str, ...]:
+        """Return the names of the tallies."""
+        names: list[str] = []
+        for actor in ("subject", "background"):
+            names += [f"{actor}_{part}" for part in _SUMS]
+            names += indexed(f"{actor}_headway_bin", len(HEADWAY_BORDER_S) - 1)
+        names += indexed("following_speed_bin", len(SPEED_BORDER_MPS))
+        names += indexed("following_speed_bin_gap_s", len(SPEED_BORDER_MPS))
+        names += ["followers", "follower_headway_s", "follower_gap_s", "acceleration_squared", "acceleration_frames"]
+        return tuple(names)
+
+    def count(self, scene: Scene) -> dict[str, Array]:
+        """Return what a scene adds."""
+        counted: dict[str, Array] = {}
+        for actor, is_actor in (("subject", scene.is_subject & scene.is_vehicle), ("background", scene.is_background)):
+            counted |= _sums(scene, actor, is_actor)
+        follows = scene.is_background & scene.is_following
+        speed = scene.frame.object_speed_mps
+        above = speed[:, None] >= jnp.asarray(SPEED_BORDER_MPS)
+        in_class = (above & ~jnp.roll(above, -1, axis=1).at[:, -1].set(False)).astype(jnp.float32)
+        gap_s = jnp.where(follows, scene.gap_m / jnp.maximum(speed, 0.1), 0.0)
+        per_class = jnp.stack([follows.astype(jnp.float32), gap_s]) @ in_class
+        counted |= by_index("following_speed_bin", per_class[0])
+        counted |= by_index("following_speed_bin_gap_s", per_class[1])
+        was_seen = scene.is_background & scene.is_tracked & (scene.interval_s > 0)
+        change = (speed - scene.previous_speed_mps) / jnp.maximum(scene.interval_s, 1e-3)
+        counted["acceleration_squared"] = jnp.sum(jnp.where(was_seen, change * change, 0.0))
+        counted["acceleration_frames"] = jnp.sum(was_seen.astype(jnp.float32))
+        return counted
+
+    def track_names(self) -> tuple[str, ...]:
+        """Return what is summed for each vehicle."""
+        return ("following_frames", "headway_s", "gap_s")
+
+    def count_per_track(self, scene: Scene) -> dict[str, Float[Array, " object"]]:
+        """Return what a scene adds for each vehicle."""
+        follows = scene.is_background & scene.is_following
+        speed = jnp.maximum(scene.frame.object_speed_mps, scene.settings.least_speed_mps)
+        return {
+            "following_frames": follows.astype(jnp.float32),
+            "headway_s": jnp.where(follows, scene.headway_s, 0.0),
+            "gap_s": jnp.where(follows, scene.gap_m / speed, 0.0),
+        }
+
+    def settle(self, tracks: dict[str, Float[Array, " track"]]) -> dict[str, Array]:
+        """Return sums over vehicles of their mean headways (Eq. 25)."""
+        frames = tracks["following_frames"]
+        follows = frames > 0
+        return {
+            "followers": jnp.sum(follows.astype(jnp.float32)),
+            "follower_headway_s": jnp.sum(jnp.where(follows, tracks["headway_s"] / jnp.maximum(frames, 1.0), 0.0)),
+            "follower_gap_s": jnp.sum(jnp.where(follows, tracks["gap_s"] / jnp.maximum(frames, 1.0), 0.0)),
+        }
+
+
+_SUMS = (
+    "following_frames",
+    "headway_s",
+    "headway_squared",
+    "gap_s",
+    "spacing_m",
+    "following_speed",
+    "following_distance_m",
+    "following_time_s",
+    "following_episodes",
+    "headways_censored",
+)
+
+
+def _sums(scene: Scene, actor: str, is_actor: Array) -> dict[str, Array]:
+    follows = is_actor & scene.is_following
+    weight = follows.astype(jnp.float32)
+    speed = scene.frame.object_speed_mps
+    headway = jnp.where(follows, scene.headway_s, 0.0)
+    border = jnp.asarray(HEADWAY_BORDER_S)
+    in_bin = follows[:, None] & (headway[:, None] >= border[:-1]) & (headway[:, None] < border[1:])
+    drives_on = follows & scene.was_following
+    begins = follows & ~scene.was_following
+    parts = {
+        "following_frames": weight,
+        "headway_s": headway,
+        "headway_squared": headway * headway,
+        "gap_s": jnp.where(follows, scene.gap_m / jnp.maximum(speed, 0.1), 0.0),
+        "spacing_m": jnp.where(follows, scene.spacing_m, 0.0),
+        "following_speed": weight * speed,
+        "following_distance_m": jnp.where(drives_on, scene.interval_s * speed, 0.0),
+        "following_time_s": jnp.where(drives_on, scene.interval_s, 0.0),
+        "following_episodes": begins.astype(jnp.float32),
+        "headways_censored": (is_actor & ~scene.is_following).astype(jnp.float32),
+    }
+    counted = {f"{actor}_{part}": jnp.sum(values) for part, values in parts.items()}
+    return counted | by_index(f"{actor}_headway_bin", jnp.sum(in_bin.astype(jnp.float32), axis=0))

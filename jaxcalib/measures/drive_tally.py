@@ -1,0 +1,124 @@
+"""The one driver of all folds: from the frames of a drive to its vector of tallies."""
+
+from collections.abc import Sequence
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from jaxcalib.measures.car_following import CarFollowing
+from jaxcalib.measures.cut_in import CutIn, Overtaking
+from jaxcalib.measures.fold import Fold
+from jaxcalib.measures.lane_change import LaneChange
+from jaxcalib.measures.scene import MeasureSettings, Memory, look, nothing_remembered, remember
+from jaxcalib.measures.traffic_flow import SubjectTravel, TrafficFlow
+from surrogate.perception import PerceptionFrame
+
+
+class DriveState(eqx.Module):
+    """A drive so far.
+
+    Attributes:
+        previous_s: time of the last frame.
+        memory: what is remembered of each vehicle.
+        track_sums: sums over frames for each vehicle.
+        tally: sums over frames.
+    """
+
+    previous_s: Float[Array, ""]
+    memory: Memory
+    track_sums: Float[Array, "track sum"]
+    tally: Float[Array, " tally"]
+
+
+class DriveTally(eqx.Module):
+    """Turns the frames of a drive into tallies.
+
+    Attributes:
+        settings: conventions.
+        folds: what is counted.
+    """
+
+    settings: MeasureSettings
+    folds: tuple[Fold, ...]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the tallies, in the order of the vector."""
+        return tuple(name for fold in self.folds for name in fold.names())
+
+    @property
+    def track_names(self) -> tuple[str, ...]:
+        """Names of the sums kept for each vehicle."""
+        return tuple(name for fold in self.folds for name in fold.track_names())
+
+    def start(self) -> DriveState:
+        """Return the state before the first frame."""
+        num_tracks = self.settings.num_tracks
+        return DriveState(
+            previous_s=jnp.asarray(-jnp.inf, jnp.float32),
+            memory=nothing_remembered(num_tracks),
+            track_sums=jnp.zeros((num_tracks, len(self.track_names)), jnp.float32),
+            tally=jnp.zeros((len(self.names),), jnp.float32),
+        )
+
+    def update(self, state: DriveState, frame: PerceptionFrame) -> DriveState:
+        """Return the state after one more frame; a frame that is not valid changes nothing."""
+        scene = look(frame, state.memory, state.previous_s, self.settings)
+        counted: dict[str, Array] = {}
+        per_track: dict[str, Array] = {}
+        for fold in self.folds:
+            counted |= fold.count(scene)
+            per_track |= fold.count_per_track(scene)
+        tally = jnp.where(frame.valid, self._vector(counted), 0.0)
+        sums = jnp.stack([per_track[name] for name in self.track_names], axis=-1)
+        return DriveState(
+            previous_s=jnp.where(frame.valid, frame.time_s, state.previous_s),
+            memory=remember(state.memory, scene),
+            track_sums=state.track_sums.at[scene.slot].add(sums, mode="promise_in_bounds"),
+            tally=state.tally + tally,
+        )
+
+    def finish(self, state: DriveState) -> Float[Array, " tally"]:
+        """Return the tallies of a drive that is over."""
+        remembered = state.track_sums[:-1]  # the last slot collects what has no track
+        tracks = {name: remembered[:, index] for index, name in enumerate(self.track_names)}
+        settled: dict[str, Array] = {}
+        for fold in self.folds:
+            settled |= fold.settle(tracks)
+        return state.tally + self._vector(settled)
+
+    def of_frames(self, frames: PerceptionFrame) -> Float[Array, " tally"]:
+        """Return the tallies of a whole drive, its frames stacked along a leading time axis."""
+
+        def body(state: DriveState, frame: PerceptionFrame) -> tuple[DriveState, None]:
+            return self.update(state, frame), None
+
+        state, _ = jax.lax.scan(body, self.start(), frames)
+        return self.finish(state)
+
+    def _vector(self, values: dict[str, Array]) -> Float[Array, " tally"]:
+        unknown = set(values) - set(self.names)
+        if unknown:
+            raise KeyError(f"a fold counts what it does not name: {sorted(unknown)}")
+        zero = jnp.zeros((), jnp.float32)
+        return jnp.stack([values.get(name, zero) for name in self.names]).astype(jnp.float32)
+
+
+def all_folds(settings: MeasureSettings) -> tuple[Fold, ...]:
+    """Return every fold of the library."""
+    num_sections, num_rows = settings.road.num_sections, settings.road.num_rows
+    return (
+        TrafficFlow(num_sections, num_rows),
+        SubjectTravel(num_sections),
+        CarFollowing(),
+        LaneChange(num_sections),
+        CutIn(),
+        Overtaking(),
+    )
+
+
+def drive_tally(settings: MeasureSettings, folds: Sequence[Fold] | None = None) -> DriveTally:
+    """Return the driver of the given folds, or of all."""
+    return DriveTally(settings, tuple(folds) if folds is not None else all_folds(settings))

@@ -1,0 +1,50 @@
+"""What every measure is made of: a fold over scenes into named, additive tallies.
+
+Tallies are sums and counts. They add up over frames, drives and seeds, so that several short drives pool into one
+observation without storing any of them; values such as means or percentiles are made of pooled tallies at the end.
+"""
+
+import abc
+
+import equinox as eqx
+from jaxtyping import Array, Float
+
+from jaxcalib.measures.scene import Scene
+
+
+class Fold(eqx.Module):
+    """One kind of event or quantity; keeps no state of its own.
+
+    To add one: return the names of its tallies, what one scene adds to them, and, for quantities that are averaged per
+    vehicle first (Eqs. 25, 29), what to sum for each vehicle and how those sums end up in the tallies.
+    """
+
+    @abc.abstractmethod
+    def names(self) -> tuple[str, ...]:
+        """Return the names of the tallies."""
+
+    @abc.abstractmethod
+    def count(self, scene: Scene) -> dict[str, Array]:
+        """Return what a scene adds to the tallies, by name; tallies left out get nothing."""
+
+    def track_names(self) -> tuple[str, ...]:
+        """Return the names of what is summed for each vehicle."""
+        return ()
+
+    def count_per_track(self, scene: Scene) -> dict[str, Float[Array, " object"]]:
+        """Return what a scene adds for each of its vehicles."""
+        return {}
+
+    def settle(self, tracks: dict[str, Float[Array, " track"]]) -> dict[str, Array]:
+        """Return what the sums of all vehicles add to the tallies when the drive is over."""
+        return {}
+
+
+def indexed(name: str, number: int) -> tuple[str, ...]:
+    """Return the names of a tally that is kept apart by section, row or bin: `name[0]`, `name[1]`, ..."""
+    return tuple(f"{name}[{index}]" for index in range(number))
+
+
+def by_index(name: str, values: Float[Array, " index"]) -> dict[str, Array]:
+    """Return an array of increments under the names that `indexed` gives."""
+    return {f"{name}[{index}]": values[index] for index in range(values.shape[0])}

@@ -1,0 +1,113 @@
+"""Frequency, distance and duration of lane changes (Table 2, Eqs. 28-31).
+
+The paper's "lane-changing distance" is a gap: the space between the future leader's rear and the future follower's
+front in the target lane at the moment of the change. It is taken in the first frame in which the vehicle is in its new
+lane, and censored where one of the two is not within the sensor's range.
+"""
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from jaxcalib.measures.fold import Fold, by_index, indexed
+from jaxcalib.measures.scene import Scene
+
+TARGET_GAP_BORDER_M = (0.0, 20.0, 30.0, 40.0, 50.0, 65.0, 80.0, 100.0, 130.0, 170.0, 220.0, 300.0)
+
+
+class LaneChange(Fold):
+    """Lane changes of the subject vehicle and of the background traffic."""
+
+    num_sections: int = eqx.field(static=True)
+
+    def names(self) -> tuple[str, ...]:
+        """Return the names of the tallies."""
+        names: list[str] = []
+        for actor in ("subject", "background"):
+            names += [f"{actor}_{part}" for part in _SUMS]
+            names += indexed(f"{actor}_target_gap_bin", len(TARGET_GAP_BORDER_M) - 1)
+        names += ["tracked_distance_m", "lane_changers", "lane_changer_target_gap_m"]
+        for part in ("section_left", "section_right", "section_distance_m"):
+            names += indexed(part, self.num_sections)
+        return tuple(names)
+
+    def count(self, scene: Scene) -> dict[str, Array]:
+        """Return what a scene adds."""
+        counted: dict[str, Array] = {}
+        for actor, is_actor in (("subject", scene.is_subject), ("background", scene.is_background)):
+            counted |= _sums(scene, actor, is_actor & scene.changes_lane)
+            over = jnp.where(is_actor & scene.is_vehicle, scene.crossing_s, jnp.nan)
+            counted[f"{actor}_lane_change_durations"] = jnp.sum((~jnp.isnan(over)).astype(jnp.float32))
+            counted[f"{actor}_lane_change_duration_s"] = jnp.nansum(over)
+        observed = scene.is_background & scene.is_tracked
+        distance = jnp.where(observed, scene.interval_s * scene.frame.object_speed_mps, 0.0)
+        left = scene.is_background & (scene.moves_left > 0)
+        right = scene.is_background & (scene.moves_left < 0)
+        per_object = jnp.stack([left.astype(jnp.float32), right.astype(jnp.float32), distance])
+        per_section = per_object @ scene.settings.road.section_of(scene.position_m)
+        counted["tracked_distance_m"] = jnp.sum(distance)
+        counted |= by_index("section_left", per_section[0])
+        counted |= by_index("section_right", per_section[1])
+        counted |= by_index("section_distance_m", per_section[2])
+        return counted
+
+    def track_names(self) -> tuple[str, ...]:
+        """Return what is summed for each vehicle."""
+        return ("target_gaps", "target_gap_m")
+
+    def count_per_track(self, scene: Scene) -> dict[str, Float[Array, " object"]]:
+        """Return what a scene adds for each vehicle."""
+        known = scene.is_background & scene.changes_lane & jnp.isfinite(scene.target_gap_m)
+        return {
+            "target_gaps": known.astype(jnp.float32),
+            "target_gap_m": jnp.where(known, scene.target_gap_m, 0.0),
+        }
+
+    def settle(self, tracks: dict[str, Float[Array, " track"]]) -> dict[str, Array]:
+        """Return sums over vehicles of their mean target gaps (Eq. 29)."""
+        count = tracks["target_gaps"]
+        mean = jnp.where(count > 0, tracks["target_gap_m"] / jnp.maximum(count, 1.0), 0.0)
+        return {
+            "lane_changers": jnp.sum((count > 0).astype(jnp.float32)),
+            "lane_changer_target_gap_m": jnp.sum(mean),
+        }
+
+
+_SUMS = (
+    "lane_changes",
+    "lane_changes_left",
+    "target_gaps",
+    "target_gap_m",
+    "target_gap_squared",
+    "target_gaps_censored",
+    "lead_gaps",
+    "lead_gap_m",
+    "lag_gaps",
+    "lag_gap_m",
+    "lane_change_durations",
+    "lane_change_duration_s",
+)
+
+
+def _sums(scene: Scene, actor: str, changes: Array) -> dict[str, Array]:
+    known = changes & jnp.isfinite(scene.target_gap_m)
+    gap = jnp.where(known, scene.target_gap_m, 0.0)
+    border = jnp.asarray(TARGET_GAP_BORDER_M)
+    in_bin = known[:, None] & (gap[:, None] >= border[:-1]) & (gap[:, None] < border[1:])
+    has_lead, has_lag = changes & scene.has_leader, changes & scene.has_follower
+    offset = scene.frame.object_offset_m
+    to_follower = offset - jnp.concatenate([offset[1:], offset[-1:]]) - scene.settings.nominal_length_m
+    parts = {
+        "lane_changes": changes,
+        "lane_changes_left": changes & (scene.moves_left > 0),
+        "target_gaps": known,
+        "target_gap_m": gap,
+        "target_gap_squared": gap * gap,
+        "target_gaps_censored": changes & ~known,
+        "lead_gaps": has_lead,
+        "lead_gap_m": jnp.where(has_lead, scene.gap_m, 0.0),
+        "lag_gaps": has_lag,
+        "lag_gap_m": jnp.where(has_lag, to_follower, 0.0),
+    }
+    counted = {f"{actor}_{part}": jnp.sum(values.astype(jnp.float32)) for part, values in parts.items()}
+    return counted | by_index(f"{actor}_target_gap_bin", jnp.sum(in_bin.astype(jnp.float32), axis=0))

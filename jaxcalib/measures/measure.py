@@ -1,0 +1,128 @@
+"""Values made of pooled tallies: means, rates, shares, deviations, percentiles."""
+
+import enum
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+
+class Level(enum.Enum):
+    """What a measure describes (Tables 2 and 3)."""
+
+    VEHICLE = "vehicle"
+    TRAFFIC = "traffic"
+
+
+@dataclass(frozen=True)
+class MeasureValue:
+    """A measured value with its validity.
+
+    Attributes:
+        value: the value; nan if it is not valid.
+        num_observations: how many observations it rests on.
+        num_censored: observations left out because they reached beyond the sensor's range; nan where that cannot be.
+        reason: why it is not valid; empty if it is.
+    """
+
+    value: float
+    num_observations: float
+    num_censored: float = float("nan")
+    reason: str = ""
+
+    @property
+    def is_valid(self) -> bool:
+        """Whether there is a value."""
+        return not self.reason
+
+
+@dataclass(frozen=True)
+class Measure:
+    """A quotient of two tallies, pooled: a mean, rate or share.
+
+    Attributes:
+        name: name in results and reports, with its unit as suffix.
+        description: one line for people.
+        level: vehicle or traffic flow.
+        numerator: tally.
+        denominator: tally.
+        scale: factor from SI to the unit of the name.
+        observations: tally that counts the observations; the denominator unless given.
+        censored: tally that counts what was left out; none if empty.
+    """
+
+    name: str
+    description: str
+    level: Level
+    numerator: str
+    denominator: str
+    scale: float = 1.0
+    observations: str = ""
+    censored: str = ""
+
+    def tallies(self) -> tuple[str, ...]:
+        """Return the tallies it needs."""
+        return tuple(filter(None, (self.numerator, self.denominator, self.observations, self.censored)))
+
+    def value(self, tally: Mapping[str, float]) -> MeasureValue:
+        """Return the value for pooled tallies."""
+        observations = tally[self.observations or self.denominator]
+        censored = tally[self.censored] if self.censored else float("nan")
+        if not tally[self.denominator] > 0:
+            return MeasureValue(float("nan"), observations, censored, "never observed")
+        value = self.scale * tally[self.numerator] / tally[self.denominator]
+        return MeasureValue(value, observations, censored)
+
+
+@dataclass(frozen=True)
+class Deviation(Measure):
+    """Standard deviation from count (denominator), sum (numerator) and sum of squares."""
+
+    squares: str = ""
+
+    def tallies(self) -> tuple[str, ...]:
+        """Return the tallies it needs."""
+        return (*super().tallies(), self.squares)
+
+    def value(self, tally: Mapping[str, float]) -> MeasureValue:
+        """Return the value for pooled tallies."""
+        count = tally[self.denominator]
+        if not count > 1:
+            return MeasureValue(float("nan"), count, reason="fewer than two observations")
+        mean = tally[self.numerator] / count
+        variance = max(tally[self.squares] / count - mean * mean, 0.0) * count / (count - 1)
+        return MeasureValue(self.scale * float(np.sqrt(variance)), count)
+
+
+@dataclass(frozen=True)
+class Percentile(Measure):
+    """Percentile of a distribution kept in bins `numerator[0]`, ...; linear within a bin.
+
+    The denominator counts all observations; those above the last border count as being there.
+    """
+
+    borders: tuple[float, ...] = ()
+    share: float = 0.5
+
+    def tallies(self) -> tuple[str, ...]:
+        """Return the tallies it needs."""
+        bins = tuple(f"{self.numerator}[{index}]" for index in range(len(self.borders) - 1))
+        return (*bins, self.denominator)
+
+    def value(self, tally: Mapping[str, float]) -> MeasureValue:
+        """Return the value for pooled tallies."""
+        counts = [tally[f"{self.numerator}[{index}]"] for index in range(len(self.borders) - 1)]
+        total = tally[self.denominator]
+        if not total > 0:
+            return MeasureValue(float("nan"), total, reason="never observed")
+        cumulated = np.concatenate([[0.0], np.cumsum(counts)]) / total
+        if cumulated[-1] < self.share:
+            return MeasureValue(
+                float("nan"), total, reason=f"more than {1 - self.share:.0%} lie above {self.borders[-1]:g}"
+            )
+        # empty bins make the distribution flat: take the first place at which it reaches the share
+        first = int(np.searchsorted(cumulated, self.share))
+        low, high = cumulated[max(first - 1, 0)], cumulated[first]
+        weight = 0.0 if high == low else (self.share - low) / (high - low)
+        border = self.borders[max(first - 1, 0)] * (1 - weight) + self.borders[first] * weight
+        return MeasureValue(self.scale * border, total)

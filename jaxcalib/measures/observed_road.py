@@ -1,0 +1,106 @@
+"""What measures must know of the road: where lanes are, and how it is cut into sections."""
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from sim_adapters.road_builder import RowMap
+from sim_adapters.scenario import Scenario
+
+LONGEST_SECTION_M = 800.0
+SHORTEST_SECTION_M = 300.0
+
+
+class ObservedRoad(eqx.Module):
+    """The carriageway as the subject vehicle passes along it.
+
+    Attributes:
+        section_border_m: borders of the sections, first and last are the ends of the route.
+        knot_m: where the number of lanes changes, ends of the route included.
+        lane_m: metres of lane upstream of each knot.
+        lateral_order: place of each row from right to left; rows that share a stretch of road differ in it.
+    """
+
+    section_border_m: Float[Array, " border"]
+    knot_m: Float[Array, " knot"]
+    lane_m: Float[Array, " knot"]
+    lateral_order: Float[Array, " row"]
+
+    @property
+    def num_sections(self) -> int:
+        """Number of sections."""
+        return self.section_border_m.shape[0] - 1
+
+    @property
+    def num_rows(self) -> int:
+        """Number of rows."""
+        return self.lateral_order.shape[0]
+
+    def lane_m_before(self, position_m: Float[Array, "..."]) -> Float[Array, "..."]:
+        """Return the metres of lane upstream of each position; constant beyond the ends of the route."""
+        return jnp.interp(position_m, self.knot_m, self.lane_m)
+
+    def lane_m_by_section(self, rear_m: Float[Array, ""], front_m: Float[Array, ""]) -> Float[Array, " section"]:
+        """Return the metres of lane between two positions, by section."""
+        border = jnp.clip(self.section_border_m, rear_m, front_m)
+        return jnp.diff(self.lane_m_before(border))
+
+    def section_of(self, position_m: Float[Array, "..."]) -> Float[Array, "... section"]:
+        """Return a one for the section of each position; zeros off the route."""
+        lower, upper = self.section_border_m[:-1], self.section_border_m[1:]
+        position = position_m[..., None]
+        return ((position >= lower) & (position < upper)).astype(jnp.float32)
+
+
+def observe_road(scenario: Scenario) -> ObservedRoad:
+    """Return the observed road of a scenario, with sections that begin and end where vehicles enter or leave."""
+    network = scenario.network
+    edges = network.main_edges
+    knots = [network.edge_start_m(edge) for edge in edges] + [network.length_m]
+    lane_count = [network.lane_count[edge] for edge in edges]
+    lane_m = np.concatenate([[0.0], np.cumsum(np.diff(knots) * lane_count)])
+    return ObservedRoad(
+        section_border_m=jnp.asarray(_section_borders(scenario), jnp.float32),
+        knot_m=jnp.asarray(knots, jnp.float32),
+        lane_m=jnp.asarray(lane_m, jnp.float32),
+        lateral_order=jnp.asarray(_lateral_order(scenario.row_map), jnp.float32),
+    )
+
+
+def _section_borders(scenario: Scenario) -> np.ndarray:
+    """Return borders at on- and off-ramps, no closer than the shortest section, long stretches halved."""
+    network = scenario.network
+    points = set()
+    for edge in network.ramp_edges:
+        for position in (network.edge_start_m(edge), network.edge_end_m(edge)):
+            if 0.0 < position < network.length_m:
+                points.add(position)
+    borders = [0.0]
+    for point in [*sorted(points), network.length_m]:
+        stretch = point - borders[-1]
+        is_last = point == network.length_m
+        if stretch < SHORTEST_SECTION_M and not is_last:
+            continue
+        if stretch < SHORTEST_SECTION_M and len(borders) > 1:
+            borders.pop()
+            stretch = point - borders[-1]
+        parts = max(1, int(np.ceil(stretch / LONGEST_SECTION_M)))
+        borders += [borders[-1] + stretch * (k + 1) / parts for k in range(parts)]
+    return np.asarray(borders)
+
+
+def _lateral_order(row_map: RowMap) -> np.ndarray:
+    """Return for each row how far left it lies: lanes to its right, averaged over where it is on the carriageway.
+
+    Auxiliary lanes shift the numbers of all others; counting from the left of the carriageway removes that shift.
+    """
+    network = row_map.network
+    from_left: dict[int, list[int]] = {}
+    for (edge, index), row in row_map.row_of_lane.items():
+        if edge in network.main_edges:
+            from_left.setdefault(row, []).append(network.lane_count[edge] - 1 - index)
+    order = np.zeros(row_map.num_rows)
+    for row, places in from_left.items():
+        order[row] = -float(np.mean(places))
+    return order - order.min()

@@ -1,0 +1,221 @@
+"""What can be seen in one perception frame, given the frame before it.
+
+The objects of a frame are sorted by (row, -position), so that leader and follower are neighbours in the arrays. Each
+object is remembered by its track number from frame to frame; nothing else of the past is kept.
+"""
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from jaxcalib.measures.observed_road import ObservedRoad
+from surrogate.perception import PerceptionFrame
+
+SUBJECT_SLOT = 0  # of the track table; track n is in slot n + 1
+
+
+class MeasureSettings(eqx.Module):
+    """Conventions of the measures; the same for the field, the surrogate and SUMO.
+
+    Attributes:
+        road: the observed road.
+        nominal_length_m: length taken for every vehicle, since logs hold none.
+        least_speed_mps: below it a time headway means nothing.
+        longest_headway_s: a vehicle further behind its leader does not follow it.
+        num_tracks: places for vehicles that are remembered during a drive.
+    """
+
+    road: ObservedRoad
+    nominal_length_m: Float[Array, ""]
+    least_speed_mps: Float[Array, ""]
+    longest_headway_s: Float[Array, ""]
+    num_tracks: int = eqx.field(static=True)
+
+
+class Memory(eqx.Module):
+    """What is remembered of each track from the last frame in which it was seen."""
+
+    time_s: Float[Array, " track"]
+    row: Float[Array, " track"]
+    offset_m: Float[Array, " track"]
+    speed_mps: Float[Array, " track"]
+    is_following: Float[Array, " track"]
+    off_centre_since_s: Float[Array, " track"]
+    crossed: Float[Array, " track"]
+
+
+class Scene(eqx.Module):
+    """One frame, understood. Arrays run over the objects of the frame.
+
+    Attributes:
+        frame: the frame.
+        settings: conventions.
+        is_vehicle: whether there is a vehicle at this place, the subject vehicle included.
+        is_background: the same without the subject vehicle.
+        slot: slot in the track table; the last one where there is none.
+        position_m: front bumper along the route.
+        interval_s: time since the frame before; 0 in the first.
+        is_tracked: whether the vehicle was seen in the frame before.
+        previous_row: its row then.
+        previous_offset_m: its offset from the subject vehicle then.
+        previous_speed_mps: its speed then.
+        was_following: whether it followed then.
+        off_centre_since_s: since when it has been off the centre of its lane; inf if it is not.
+        crossed: whether it has changed lane since then.
+        crossing_s: duration of a lane change that is over in this frame; nan elsewhere.
+        has_leader: whether a leader in its row is within the sensor's range.
+        spacing_m: leader's front bumper less own; inf without leader.
+        has_follower: whether a follower in its row is within range.
+        headway_s: time headway, spacing / speed; inf without leader or below the least speed.
+        is_following: whether the headway is shorter than the longest.
+        is_free: whether it is known to be longer.
+        changes_lane: whether the row is another one than in the frame before.
+        moves_left: -1, 0 or 1: direction of that change.
+        target_gap_m: space between the rear of the leader and the front of the follower; inf if one is not in range.
+    """
+
+    frame: PerceptionFrame
+    settings: MeasureSettings
+    is_vehicle: Bool[Array, " object"]
+    is_background: Bool[Array, " object"]
+    slot: Int[Array, " object"]
+    position_m: Float[Array, " object"]
+    interval_s: Float[Array, ""]
+    is_tracked: Bool[Array, " object"]
+    previous_row: Float[Array, " object"]
+    previous_offset_m: Float[Array, " object"]
+    previous_speed_mps: Float[Array, " object"]
+    was_following: Bool[Array, " object"]
+    off_centre_since_s: Float[Array, " object"]
+    crossed: Bool[Array, " object"]
+    crossing_s: Float[Array, " object"]
+    has_leader: Bool[Array, " object"]
+    spacing_m: Float[Array, " object"]
+    has_follower: Bool[Array, " object"]
+    headway_s: Float[Array, " object"]
+    is_following: Bool[Array, " object"]
+    is_free: Bool[Array, " object"]
+    changes_lane: Bool[Array, " object"]
+    moves_left: Float[Array, " object"]
+    target_gap_m: Float[Array, " object"]
+
+    @property
+    def is_subject(self) -> Bool[Array, " object"]:
+        """Whether this object is the subject vehicle."""
+        return self.frame.object_is_subject
+
+    @property
+    def gap_m(self) -> Float[Array, " object"]:
+        """Leader's rear bumper less own front bumper."""
+        return self.spacing_m - self.settings.nominal_length_m
+
+    def at_subject(self, values: Array) -> Array:
+        """Return the value at the subject vehicle."""
+        return jnp.sum(jnp.where(self.is_subject, values, jnp.zeros_like(values)))
+
+
+def nothing_remembered(num_tracks: int) -> Memory:
+    """Return the memory before the first frame."""
+    zero = jnp.zeros((num_tracks,), jnp.float32)
+    return Memory(jnp.full_like(zero, -jnp.inf), zero, zero, zero, zero, jnp.full_like(zero, jnp.inf), zero)
+
+
+OFF_CENTRE_M = 0.4  # further from the centre of the lane, a vehicle is changing lane (half the play in a 3.2-m lane)
+
+
+def look(frame: PerceptionFrame, memory: Memory, previous_s: Float[Array, ""], settings: MeasureSettings) -> Scene:
+    """Return what can be seen in a frame.
+
+    Args:
+        frame: the frame.
+        memory: what is remembered.
+        previous_s: time of the frame before; -inf if there was none.
+        settings: conventions.
+    """
+    valid, row, offset, speed = (
+        frame.object_valid & frame.valid,
+        frame.object_row,
+        frame.object_offset_m,
+        frame.object_speed_mps,
+    )
+    trash = settings.num_tracks - 1
+    slot = jnp.where(frame.object_is_subject, SUBJECT_SLOT, frame.object_track + 1)
+    slot = jnp.where(valid & (slot < trash), slot, trash)
+
+    def recall(values: Float[Array, " track"]) -> Float[Array, " object"]:
+        return values.at[slot].get(mode="promise_in_bounds")
+
+    is_tracked = (recall(memory.time_s) == previous_s) & (slot != trash) & (previous_s > -jnp.inf)
+    previous_row = recall(memory.row)
+
+    nobody, edge = jnp.zeros((1,), bool), jnp.zeros((1,), offset.dtype)
+    same_row = valid[1:] & valid[:-1] & (row[1:] == row[:-1])
+    has_leader = jnp.concatenate([nobody, same_row])
+    has_follower = jnp.concatenate([same_row, nobody])
+    leader_offset = jnp.concatenate([edge, offset[:-1]])
+    follower_offset = jnp.concatenate([offset[1:], edge])
+    spacing = jnp.where(has_leader, leader_offset - offset, jnp.inf)
+    target_gap = jnp.where(
+        has_leader & has_follower, leader_offset - settings.nominal_length_m - follower_offset, jnp.inf
+    )
+
+    moves = valid & (speed > settings.least_speed_mps)
+    headway = jnp.where(moves, spacing / jnp.maximum(speed, settings.least_speed_mps), jnp.inf)
+    is_following = headway < settings.longest_headway_s
+    seen_ahead = jnp.where(has_leader, spacing, frame.ahead_m - offset)
+    is_free = moves & (seen_ahead >= settings.longest_headway_s * speed)
+
+    order = settings.road.lateral_order
+    here = order.at[row].get(mode="promise_in_bounds")
+    before = order.at[previous_row.astype(jnp.int32)].get(mode="promise_in_bounds")
+    changes = is_tracked & (previous_row != row)
+    is_off_centre = jnp.abs(frame.object_lateral_m) > OFF_CENTRE_M  # false where the offset is not known
+    is_centred = jnp.abs(frame.object_lateral_m) <= OFF_CENTRE_M
+    since = jnp.where(is_tracked, recall(memory.off_centre_since_s), jnp.inf)
+    had_crossed = is_tracked & (recall(memory.crossed) > 0)
+    is_over = is_centred & (had_crossed | changes)
+    crossing = jnp.where(jnp.isfinite(since), frame.time_s - since, 0.0)
+    return Scene(
+        frame=frame,
+        settings=settings,
+        is_vehicle=valid,
+        is_background=valid & ~frame.object_is_subject,
+        slot=slot,
+        position_m=frame.subject_position_m + offset,
+        interval_s=jnp.where(previous_s > -jnp.inf, frame.time_s - previous_s, 0.0),
+        is_tracked=is_tracked,
+        previous_row=previous_row,
+        previous_offset_m=recall(memory.offset_m),
+        previous_speed_mps=recall(memory.speed_mps),
+        was_following=is_tracked & (recall(memory.is_following) > 0),
+        off_centre_since_s=jnp.where(is_off_centre, jnp.minimum(since, frame.time_s), jnp.inf),
+        crossed=(had_crossed | changes) & is_off_centre,
+        crossing_s=jnp.where(is_over, crossing, jnp.nan),
+        has_leader=has_leader,
+        spacing_m=spacing,
+        has_follower=has_follower,
+        headway_s=headway,
+        is_following=is_following,
+        is_free=is_free,
+        changes_lane=changes,
+        moves_left=jnp.where(changes, jnp.sign(here - before), 0.0),
+        target_gap_m=target_gap,
+    )
+
+
+def remember(memory: Memory, scene: Scene) -> Memory:
+    """Return the memory after a frame."""
+    frame = scene.frame
+
+    def note(values: Float[Array, " track"], news: Array) -> Float[Array, " track"]:
+        return values.at[scene.slot].set(news.astype(jnp.float32), mode="promise_in_bounds")
+
+    return Memory(
+        time_s=note(memory.time_s, jnp.broadcast_to(frame.time_s, scene.slot.shape)),
+        row=note(memory.row, frame.object_row),
+        offset_m=note(memory.offset_m, frame.object_offset_m),
+        speed_mps=note(memory.speed_mps, frame.object_speed_mps),
+        is_following=note(memory.is_following, scene.is_following),
+        off_centre_since_s=note(memory.off_centre_since_s, scene.off_centre_since_s),
+        crossed=note(memory.crossed, scene.crossed),
+    )

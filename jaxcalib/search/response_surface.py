@@ -1,0 +1,84 @@
+"""A linear or quadratic response surface of residual vectors around a centre."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+
+@dataclass(frozen=True)
+class ResponseSurface:
+    """Residual of each measure as intercept + slope z + curvature z^2 / 2, with z = (point - center) / radius.
+
+    Attributes:
+        center: in the unit cube.
+        radius: unit of z, > 0.
+        intercept: residual at the centre.
+        slope: per unit of z.
+        curvature: second derivative with respect to each parameter alone; 0 on a linear surface.
+        num_points: points that the surface rests on.
+    """
+
+    center: Float[np.ndarray, " parameter"]
+    radius: float
+    intercept: Float[np.ndarray, " measure"]
+    slope: Float[np.ndarray, "measure parameter"]
+    curvature: Float[np.ndarray, "measure parameter"]
+    num_points: int
+
+    def residual_at(self, step: Float[np.ndarray, " parameter"]) -> Float[np.ndarray, " measure"]:
+        """Return the residual vector at a step z."""
+        return self.intercept + self.slope @ step + 0.5 * self.curvature @ step**2
+
+    def jacobian_at(self, step: Float[np.ndarray, " parameter"]) -> Float[np.ndarray, "measure parameter"]:
+        """Return the derivative of the residual vector with respect to z at a step z."""
+        return self.slope + self.curvature * step
+
+
+def fit_response_surface(
+    points: Float[np.ndarray, "candidate parameter"],
+    residuals: Float[np.ndarray, "candidate measure"],
+    weights: Float[np.ndarray, "candidate measure"],
+    center: Float[np.ndarray, " parameter"],
+    radius: float,
+    *,
+    is_quadratic: bool = False,
+    ridge: float = 1e-4,
+) -> ResponseSurface:
+    """Return the surface that fits the residuals best in weighted least squares, with a ridge on all but intercepts.
+
+    Args:
+        points: in the unit cube.
+        residuals: finite.
+        weights: 1 / noise variance of each residual, >= 0; 0 leaves it out.
+        center: in the unit cube.
+        radius: > 0.
+        is_quadratic: whether each parameter has a curvature; products of parameters never enter.
+        ridge: relative to the mean information on a slope, >= 0. It decides what happens where there are fewer points
+            than coefficients: the unknown directions get slope 0.
+
+    Source: Hastie, Tibshirani & Friedman, The Elements of Statistical Learning, ch. 3.4.
+    """
+    step = (points - center) / radius
+    num_parameters = center.shape[0]
+    design = np.hstack([np.ones((points.shape[0], 1)), step] + ([0.5 * step**2] if is_quadratic else []))
+    coefficients = np.zeros((residuals.shape[1], design.shape[1]))
+    for measure in range(residuals.shape[1]):
+        root_weight = np.sqrt(weights[:, measure] / max(weights[:, measure].max(initial=0.0), np.finfo(float).tiny))
+        weighted = design * root_weight[:, None]
+        slope_information = (weighted[:, 1 : 1 + num_parameters] ** 2).sum() / num_parameters
+        penalty = np.sqrt(ridge * slope_information) * np.eye(design.shape[1])[1:]
+        coefficients[measure] = np.linalg.lstsq(
+            np.vstack([weighted, penalty]),
+            np.concatenate([residuals[:, measure] * root_weight, np.zeros(penalty.shape[0])]),
+            rcond=None,
+        )[0]
+    slope = coefficients[:, 1 : 1 + num_parameters]
+    return ResponseSurface(
+        center=center.copy(),
+        radius=radius,
+        intercept=coefficients[:, 0],
+        slope=slope,
+        curvature=coefficients[:, 1 + num_parameters :] if is_quadratic else np.zeros_like(slope),
+        num_points=points.shape[0],
+    )

@@ -1,0 +1,256 @@
+"""Reads one table from .csv, .csv.gz or .parquet: only the columns that are wanted, and never more than a bounded size.
+
+Rows are counted as a text editor shows a CSV file: the header is row 1, the first data row is row 2. Blank lines are
+not counted. Parquet files are counted in the same way.
+"""
+
+import csv
+import gzip
+import io
+import re
+import zlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.csv
+import pyarrow.parquet
+
+from jaxcalib.errors import CaseError, quote, shorten
+
+FIRST_DATA_ROW = 2
+LONGEST_TEXT = 1000
+Kind = Literal["number", "text"]
+
+
+@dataclass(frozen=True)
+class SizeLimit:
+    """What a file may grow to in memory, so that a small compressed file cannot take all of it.
+
+    Attributes:
+        unpacked_bytes: most bytes after unpacking.
+        ratio: most bytes after unpacking per byte in the file.
+        ratio_from_bytes: the ratio counts from this size on: short tables with constant columns pack very well.
+    """
+
+    unpacked_bytes: int = 2 * 1024**3
+    ratio: int = 200
+    ratio_from_bytes: int = 32 * 1024**2
+
+
+@dataclass(frozen=True)
+class ColumnTable:
+    """The wanted columns of a file.
+
+    Attributes:
+        file: the file.
+        numbers: number columns, nan where empty.
+        texts: text columns, dictionary-encoded: (index into the words, words); an empty text is a word like others.
+        num_rows: number of data rows.
+        extra_columns: columns that the file has beside the wanted ones.
+    """
+
+    file: Path
+    numbers: dict[str, np.ndarray]
+    texts: dict[str, tuple[np.ndarray, list[str]]]
+    num_rows: int
+    extra_columns: tuple[str, ...]
+
+
+def row_place(index: int, column: str = "") -> str:
+    """Return how messages name the place of a data row, counted from 0 here."""
+    return f"row {index + FIRST_DATA_ROW}" + (f", column {column}" if column else "")
+
+
+def read_columns(file: Path, columns: Mapping[str, Kind], limit: SizeLimit | None = None) -> ColumnTable:
+    """Read the wanted columns of a table.
+
+    Args:
+        file: .csv, .csv.gz or .parquet.
+        columns: the wanted columns, all of which must be there.
+        limit: what the file may grow to.
+
+    Raises:
+        CaseError: the file cannot be read, a column is missing or there twice, a row is ragged, a number column holds
+            something else or something infinite, or the file unpacks beyond the limit.
+    """
+    limit = limit or SizeLimit()
+    name = file.name.lower()
+    try:
+        if name.endswith(".parquet"):
+            table, extra = _read_parquet(file, columns, limit)
+        elif name.endswith((".csv", ".csv.gz")):
+            table, extra = _read_csv(file, columns, limit)
+        else:
+            raise CaseError(file, "", "expected a file that ends in .csv, .csv.gz or .parquet.")
+    except (OSError, EOFError, zlib.error) as error:  # gzip.BadGzipFile is an OSError
+        reason = getattr(error, "strerror", None) or str(error)
+        raise CaseError(file, "", f"expected a file that can be read: {shorten(reason, 150)}.") from None
+    numbers, texts = {}, {}
+    for column, kind in columns.items():
+        if kind == "text":
+            encoded = table[column].combine_chunks().fill_null("").dictionary_encode()
+            texts[column] = (np.asarray(encoded.indices), encoded.dictionary.to_pylist())
+            continue
+        numbers[column] = table[column].to_numpy().astype(np.float64)
+        infinite = np.flatnonzero(np.isinf(numbers[column]))
+        if len(infinite):
+            place = row_place(infinite[0], column)
+            raise CaseError(file, place, f"expected a finite number, got {numbers[column][infinite[0]]}.")
+    return ColumnTable(file, numbers, texts, table.num_rows, extra)
+
+
+class _BoundedStream(io.RawIOBase):
+    """A stream that stops with an error once it has given too much."""
+
+    def __init__(self, file: Path, stream: io.BufferedIOBase, limit: SizeLimit) -> None:
+        self._file, self._stream, self._limit = file, stream, limit
+        self._packed_bytes, self._given_bytes = file.stat().st_size, 0
+
+    def readable(self) -> bool:
+        return True
+
+    def readinto(self, buffer: bytearray | memoryview) -> int:  # pyright: ignore[reportIncompatibleMethodOverride]
+        content = self._stream.read(len(buffer))
+        buffer[: len(content)] = content
+        self._given_bytes += len(content)
+        _check_size(self._file, self._packed_bytes, self._given_bytes, self._limit)
+        return len(content)
+
+    def close(self) -> None:
+        self._stream.close()
+        super().close()
+
+
+def _check_size(file: Path, packed_bytes: int, unpacked_bytes: int, limit: SizeLimit) -> None:
+    if unpacked_bytes > limit.unpacked_bytes:
+        raise CaseError(file, "", f"expected at most {limit.unpacked_bytes} bytes after unpacking.")
+    if unpacked_bytes > max(limit.ratio_from_bytes, limit.ratio * packed_bytes):
+        raise CaseError(file, "", f"expected to unpack to at most {limit.ratio} times the file's size.")
+
+
+def _open_csv(file: Path, limit: SizeLimit) -> io.BufferedReader:
+    is_packed = file.name.lower().endswith(".gz")
+    stream = gzip.GzipFile(file) if is_packed else file.open("rb")  # `_BoundedStream` closes it
+    return io.BufferedReader(_BoundedStream(file, stream, limit), 1 << 20)
+
+
+def _read_csv(file: Path, columns: Mapping[str, Kind], limit: SizeLimit) -> tuple[pa.Table, tuple[str, ...]]:
+    header = _csv_header(file, columns, limit)
+    extra = _check_header(file, header, columns)
+    types = {column: pa.float64() if kind == "number" else pa.string() for column, kind in columns.items()}
+    try:
+        with _open_csv(file, limit) as stream:
+            table = pyarrow.csv.read_csv(
+                stream,
+                read_options=pyarrow.csv.ReadOptions(use_threads=False),  # with threads errors do not name the row
+                parse_options=pyarrow.csv.ParseOptions(newlines_in_values=False),
+                convert_options=pyarrow.csv.ConvertOptions(
+                    column_types=types,
+                    include_columns=list(columns),
+                    null_values=[""],
+                    strings_can_be_null=False,
+                ),
+            )
+    except pa.ArrowInvalid as error:
+        raise _csv_error(file, header, str(error)) from None
+    return table, extra
+
+
+def _csv_header(file: Path, columns: Mapping[str, Kind], limit: SizeLimit) -> list[str]:
+    with _open_csv(file, limit) as stream:
+        line = b""
+        while not line.strip():  # blank lines are skipped everywhere
+            line = stream.readline(1 << 16)
+            if not line:
+                raise CaseError(file, "", f"expected a header line ({', '.join(columns)}); the file is empty.")
+    try:
+        text = line.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise CaseError(file, row_place(-1), "expected UTF-8 text.") from None
+    header = next(csv.reader([text.rstrip("\r\n")]), [])
+    for delimiter, name in [(";", '";"'), ("\t", "tabulators"), ("|", '"|"')]:
+        if not set(header) & set(columns) and delimiter in text:
+            raise CaseError(file, row_place(-1), f'expected columns separated by ",", got {name}.')
+    return header
+
+
+def _check_header(file: Path, header: Sequence[str], columns: Mapping[str, Kind]) -> tuple[str, ...]:
+    for column in columns:
+        if column not in header:
+            found = ", ".join(shorten(name, 30) for name in header)
+            raise CaseError(file, f"column {column}", f"expected this column; the file has {found or 'none'}.")
+        if list(header).count(column) > 1:
+            raise CaseError(file, f"column {column}", "expected this column once, got it twice.")
+    return tuple(name for name in header if name not in columns)
+
+
+def _csv_error(file: Path, header: Sequence[str], message: str) -> CaseError:
+    """Say the same as pyarrow in our words."""
+    found = re.search(r"Row #(\d+)", message)
+    row = f"row {found.group(1)}" if found else ""
+    if wrong := re.match(r"In CSV column #(\d+): .*CSV conversion error to \w+: (.*)", message, re.DOTALL):
+        column = header[int(wrong.group(1))]
+        place = ", ".join(filter(None, [row, f"column {column}"]))
+        if "UTF8" in wrong.group(2):
+            return CaseError(file, place, "expected UTF-8 text.")
+        value = re.sub(r"^invalid value '(.*)'$", r"\1", wrong.group(2), flags=re.DOTALL)
+        return CaseError(file, place, f"expected a number or nothing, got {quote(value)}.")
+    if ragged := re.search(r"Expected (\d+) columns, got (\d+)", message):
+        return CaseError(file, row, f"expected {len(header)} values as in the header, got {ragged.group(2)}.")
+    return CaseError(file, row, f"expected a CSV table: {shorten(message, 150)}.")
+
+
+def _read_parquet(file: Path, columns: Mapping[str, Kind], limit: SizeLimit) -> tuple[pa.Table, tuple[str, ...]]:
+    texts = [column for column, kind in columns.items() if kind == "text"]
+    types = {column: pa.float64() if kind == "number" else pa.string() for column, kind in columns.items()}
+    try:
+        schema = pyarrow.parquet.read_schema(file)
+        extra = _check_header(file, schema.names, columns)
+        for column, kind in columns.items():
+            _check_type(file, column, kind, schema.field(column).type)
+        table = _read_batches(file, list(columns), texts, limit)
+        return pa.table({column: table[column].cast(wanted) for column, wanted in types.items()}), extra
+    except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
+        if isinstance(error, OSError) and error.errno is not None:  # the file system's own
+            raise
+        raise CaseError(file, "", f"expected a Parquet table: {shorten(str(error), 150)}.") from None
+
+
+def _read_batches(file: Path, columns: list[str], texts: list[str], limit: SizeLimit) -> pa.Table:
+    """Read a file piece by piece; texts stay dictionaries, for those may be large once and small in memory."""
+    batches, unpacked_bytes, packed_bytes = [], 0, file.stat().st_size
+    with pyarrow.parquet.ParquetFile(file, read_dictionary=texts) as parquet:
+        for batch in parquet.iter_batches(batch_size=1 << 16, columns=columns, use_threads=False):
+            unpacked_bytes += batch.nbytes
+            _check_size(file, packed_bytes, unpacked_bytes, limit)
+            for column in texts:
+                _check_words(file, column, batch.column(column))
+            batches.append(batch)
+        return pa.Table.from_batches(batches, schema=None if batches else parquet.schema_arrow)
+
+
+def _check_words(file: Path, column: str, values: pa.Array) -> None:
+    """Refuse long texts: a dictionary holds each only once, so they would unpack beyond any limit."""
+    words = values.dictionary if isinstance(values, pa.DictionaryArray) else values
+    if pa.types.is_integer(words.type) or not len(words):
+        return
+    longest = pc.call_function("max", [pc.call_function("binary_length", [words])]).as_py()
+    if longest and longest > LONGEST_TEXT:
+        raise CaseError(file, f"column {column}", f"expected texts of at most {LONGEST_TEXT} bytes, got {longest}.")
+
+
+def _check_type(file: Path, column: str, kind: Kind, found: pa.DataType) -> None:
+    if pa.types.is_dictionary(found):
+        found = found.value_type
+    is_number = pa.types.is_integer(found) or pa.types.is_floating(found) or pa.types.is_decimal(found)
+    is_text = pa.types.is_string(found) or pa.types.is_large_string(found) or pa.types.is_string_view(found)
+    nothing = pa.types.is_null(found)  # a column without any value
+    if kind == "number" and not (is_number or nothing):
+        raise CaseError(file, f"column {column}", f"expected numbers, got {found}.")
+    if kind == "text" and not (is_text or nothing or pa.types.is_integer(found)):
+        raise CaseError(file, f"column {column}", f"expected text or whole numbers, got {found}.")

@@ -1,0 +1,160 @@
+"""The surrogate as an engine: the one place where runs become a batch, sharded over the devices that JAX sees."""
+
+import time
+from collections.abc import Sequence
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.sharding import Mesh
+from jax.sharding import PartitionSpec as Spec
+from jaxtyping import Array, Float, Int
+
+from sim_adapters.interface import ParameterLayout, RunOutcome, RunRequest, Status
+from sim_adapters.world_builder import WorldTemplate
+from surrogate.perception import Sensor
+from surrogate.simulate import Observer, RunPlan, RunRecord, observe_batch
+from surrogate.step import Clock
+
+RUNS_PER_DEVICE = 32  # fits the arrays of a few hundred vehicles into a core's cache
+CAPACITY_STEP = 128
+MOST_DOUBLINGS = 2
+COLLISION_STEPS_ALLOWED = 100  # 10 vehicle-seconds of overlap; SUMO goes on after a collision as well
+
+
+class JaxSimulator:
+    """Runs many parameter sets at once in the surrogate.
+
+    Batches have one fixed shape, filled up with copies where runs are few: XLA's rounding depends on the shape of a
+    batch, not on what else is in it, so each run gives the same bits in whichever batch it is made.
+    """
+
+    def __init__(
+        self,
+        template: WorldTemplate,
+        observer: Observer,
+        sensor: Sensor,
+        clock: Clock,
+        end_s: float,
+        capacity: int,
+        runs_per_device: int = RUNS_PER_DEVICE,
+        frame_interval_s: float = 0.5,
+    ) -> None:
+        """Prepare runs; nothing is compiled before the first.
+
+        Args:
+            template: what all worlds of the scenario share.
+            observer: fold over the frames of each run.
+            sensor: the subject vehicle's sensors.
+            clock: lengths of steps.
+            end_s: when runs end at the latest.
+            capacity: vehicles on the road for which there is room; runs that need more are made again with more.
+            runs_per_device: size of a device's part of a batch.
+            frame_interval_s: time between two frames; a multiple of the interval of decisions.
+        """
+        self._template = template
+        self._observer = observer
+        self._sensor = sensor
+        self._clock = clock
+        self._decisions_per_frame = round(frame_interval_s / clock.interval_s)
+        self._end_s = end_s
+        self._capacity = -(-capacity // CAPACITY_STEP) * CAPACITY_STEP
+        self._mesh = Mesh(np.asarray(jax.devices()), ("run",))
+        self._batch = runs_per_device * self._mesh.size
+        self._program = jax.jit(self._observe, static_argnames="capacity")
+
+    @property
+    def layout(self) -> ParameterLayout:
+        """Meaning of the parameter vectors."""
+        return self._template.layout
+
+    @property
+    def batch(self) -> int:
+        """Runs that are made together; other numbers waste time."""
+        return self._batch
+
+    def run(self, requests: Sequence[RunRequest]) -> list[RunOutcome]:
+        """Make all runs and return their outcomes in the same order.
+
+        Runs are grouped by departure, since a batch lasts as long as its longest run.
+        """
+        order = sorted(range(len(requests)), key=lambda index: requests[index].depart_s)
+        outcomes: list[RunOutcome | None] = [None] * len(requests)
+        for begin in range(0, len(order), self._batch):
+            chosen = order[begin : begin + self._batch]
+            made = self._run_batch([requests[index] for index in chosen])
+            for index, outcome in zip(chosen, made, strict=True):
+                outcomes[index] = outcome
+        return [outcome for outcome in outcomes if outcome is not None]
+
+    def _run_batch(self, requests: list[RunRequest]) -> list[RunOutcome]:
+        capacity = self._capacity
+        outcomes = self._run_once(requests, capacity)
+        for _ in range(MOST_DOUBLINGS):
+            overfull = [index for index, outcome in enumerate(outcomes) if outcome.status is Status.OVERFULL]
+            if not overfull:
+                break
+            capacity *= 2
+            again = self._run_once([requests[index] for index in overfull], capacity)
+            for index, outcome in zip(overfull, again, strict=True):
+                outcomes[index] = outcome
+        return outcomes
+
+    def _run_once(self, requests: list[RunRequest], capacity: int) -> list[RunOutcome]:
+        began = time.perf_counter()
+        filled = requests + [requests[-1]] * (self._batch - len(requests))
+        record = self._program(
+            jnp.asarray([request.values for request in filled], jnp.float32),
+            jnp.asarray([request.seed for request in filled], jnp.int32),
+            jnp.asarray([request.depart_s for request in filled], jnp.float32),
+            capacity=capacity,
+        )
+        record = jax.tree.map(np.asarray, record)
+        wall_s = (time.perf_counter() - began) / len(requests)
+        return [
+            _outcome(request, jax.tree.map(lambda leaf, i=i: leaf[i], record), wall_s)
+            for i, request in enumerate(requests)
+        ]
+
+    def _observe(
+        self,
+        values: Float[Array, "run parameter"],
+        seeds: Int[Array, " run"],
+        departs_s: Float[Array, " run"],
+        capacity: int,
+    ) -> RunRecord:
+        plan = RunPlan(self._clock, capacity + self._template.road.num_rows, self._decisions_per_frame)
+
+        @partial(jax.shard_map, mesh=self._mesh, in_specs=Spec("run"), out_specs=Spec("run"), check_vma=False)
+        def on_one_device(
+            values: Float[Array, "run parameter"], seeds: Int[Array, " run"], departs_s: Float[Array, " run"]
+        ) -> RunRecord:
+            axes = self._template.batch_axes()
+            worlds = jax.vmap(self._template.world, out_axes=axes)(values, seeds, departs_s)
+            first_frame_s = jnp.min(departs_s) - self._clock.interval_s * self._decisions_per_frame
+            end_s = jnp.asarray(self._end_s, jnp.float32)
+            return observe_batch(worlds, axes, self._sensor, self._observer, plan, first_frame_s, end_s)
+
+        return on_one_device(values, seeds, departs_s)
+
+
+def _outcome(request: RunRequest, record: RunRecord, wall_s: float) -> RunOutcome:
+    status = Status.OK
+    if int(record.num_lost):
+        status = Status.OVERFULL
+    elif not bool(record.is_finite) or not np.isfinite(record.observed).all():
+        status = Status.NONFINITE
+    elif not bool(record.subject_entered):
+        status = Status.SUBJECT_MISSING
+    elif int(record.num_collisions) > COLLISION_STEPS_ALLOWED:
+        status = Status.COLLIDED
+    return RunOutcome(
+        request=request,
+        status=status,
+        observed=record.observed if status.is_ok else None,
+        num_arrived=record.num_arrived,
+        num_inserted=record.num_inserted,
+        num_collisions=int(record.num_collisions),
+        wall_s=wall_s,
+    )

@@ -1,0 +1,243 @@
+"""SUMO as an engine: one simulation per process, in a pool that outlives a worker that dies and kills one that hangs."""
+
+import logging
+import multiprocessing
+import os
+import shutil
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+from pebble import ProcessPool
+
+from sim_adapters.frame_table import ObjectTable, SubjectTable, stack_frames
+from sim_adapters.interface import ParameterLayout, RunOutcome, RunRequest, Status
+from sim_adapters.scenario import Scenario
+from sim_adapters.scenario_writer import write_scenario
+from sim_adapters.sumo_worker import SumoJob, SumoRun, run_job
+from surrogate.perception import PerceptionFrame
+
+log = logging.getLogger(__name__)
+
+TRIES = 2  # a worker that dies is tried once more, on the same seed
+RUNS_PER_WORKER = 200
+LOG_TAIL_CHARACTERS = 2000
+RADIUS_MARGIN_M = 15.0  # SUMO's radius is measured from another point of the vehicle than our offsets
+
+
+class FrameFold(Protocol):
+    """Turns the frames of a whole drive into numbers; the same fold that the surrogate runs inside its loop."""
+
+    def __call__(self, frames: PerceptionFrame) -> np.ndarray:
+        """Return the numbers of a drive whose frames are stacked along a leading time axis."""
+        ...
+
+
+@dataclass(frozen=True)
+class SensorRange:
+    """Range of the subject vehicle's sensors."""
+
+    ahead_m: float
+    behind_m: float
+
+
+class SumoSimulator:
+    """Makes runs in SUMO. Use it as a context manager: workers end with it."""
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        layout: ParameterLayout,
+        fold: FrameFold,
+        sensor: SensorRange,
+        subject_vehicle: str,
+        frame_interval_s: float,
+        end_s: float,
+        num_processes: int | None = None,
+        longest_run_s: float = 1200.0,
+        scratch: Path | None = None,
+    ) -> None:
+        """Start the pool; workers start with the first run.
+
+        Args:
+            scenario: what to run.
+            layout: meaning of parameter vectors.
+            fold: turns the frames of a drive into numbers.
+            sensor: range of the subject vehicle's sensors.
+            subject_vehicle: its id.
+            frame_interval_s: time between two frames.
+            end_s: when runs end at the latest.
+            num_processes: workers; one for each core unless given.
+            longest_run_s: a run that takes longer is killed.
+            scratch: where files of runs lie while they are made; the system's folder unless given.
+        """
+        self._scenario = scenario
+        self._layout = layout
+        self._fold = fold
+        self._sensor = sensor
+        self._subject_vehicle = subject_vehicle
+        self._frame_interval_s = frame_interval_s
+        self._end_s = end_s
+        self._longest_run_s = longest_run_s
+        self.num_processes = num_processes or len(os.sched_getaffinity(0))
+        self._scratch = Path(tempfile.mkdtemp(prefix="jaxcalib-", dir=scratch))
+        self._pool = ProcessPool(
+            max_workers=self.num_processes,
+            max_tasks=RUNS_PER_WORKER,
+            context=multiprocessing.get_context("spawn"),
+        )
+        self._lane_place = _lane_places(scenario)
+        self._entrance_of_flow = {flow.id: scenario.entrances.index(flow.route[0]) for flow in scenario.flows}
+
+    def __enter__(self) -> "SumoSimulator":
+        """Return itself."""
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        """End the workers and remove their files."""
+        self.close()
+
+    def close(self) -> None:
+        """End the workers and remove their files."""
+        self._pool.stop()
+        self._pool.join()
+        shutil.rmtree(self._scratch, ignore_errors=True)
+
+    @property
+    def layout(self) -> ParameterLayout:
+        """Meaning of the parameter vectors."""
+        return self._layout
+
+    def run(self, requests: Sequence[RunRequest]) -> list[RunOutcome]:
+        """Make all runs and return their outcomes in the same order; failures are outcomes, not exceptions."""
+        return [outcome() for outcome in self.submit(requests)]
+
+    def submit(self, requests: Sequence[RunRequest]) -> Iterator[Callable[[], RunOutcome]]:
+        """Start runs in the background and return, for each, what waits for its outcome."""
+        pending = [_Pending(self, request) for request in requests]
+        return iter([one.outcome for one in pending])
+
+    def start(self, request: RunRequest) -> tuple[Path, Future[SumoRun]]:
+        """Write a run's files and hand it to the pool."""
+        folder = Path(tempfile.mkdtemp(prefix="run-", dir=self._scratch))
+        written = write_scenario(
+            self._scenario, self._layout, request.values, request.depart_s, self._subject_vehicle, folder, "run"
+        )
+        job = SumoJob(
+            config=written.config,
+            folder=folder,
+            seed=request.seed,
+            subject_vehicle=self._subject_vehicle,
+            end_s=self._end_s,
+            radius_m=max(self._sensor.ahead_m, self._sensor.behind_m) + RADIUS_MARGIN_M,
+            frame_interval_s=self._frame_interval_s,
+            lane_place=self._lane_place,
+            entrance_of_flow=self._entrance_of_flow,
+            num_entrances=len(self._scenario.entrances),
+        )
+        return folder, self._pool.schedule(run_job, args=(job,), timeout=self._longest_run_s)
+
+    def outcome_of(self, request: RunRequest, run: SumoRun) -> RunOutcome:
+        """Return the outcome of a run that came to its end."""
+        status, observed = Status.OK, None
+        if not len(run.time_s):
+            status = Status.SUBJECT_MISSING
+        else:
+            observed = np.asarray(self._fold(self.frames_of(run)))
+            status = Status.OK if np.isfinite(observed).all() else Status.NONFINITE
+        return RunOutcome(
+            request=request,
+            status=status,
+            observed=observed if status.is_ok else None,
+            num_arrived=run.num_arrived,
+            num_inserted=run.num_inserted,
+            num_collisions=run.num_collisions,
+            num_teleports=run.num_teleports,
+            num_vehicle_steps=run.num_vehicle_steps,
+            wall_s=run.wall_s,
+        )
+
+    def failure_of(self, request: RunRequest, log_tail: str) -> RunOutcome:
+        """Return the outcome of a run that failed for good."""
+        none = np.zeros(len(self._scenario.entrances), int)
+        return RunOutcome(
+            request=request,
+            status=Status.FAILED,
+            observed=None,
+            num_arrived=none,
+            num_inserted=none,
+            num_collisions=0,
+            log_tail=log_tail,
+        )
+
+    def frames_of(self, run: SumoRun) -> PerceptionFrame:
+        """Return what the subject vehicle detected in a run."""
+        is_subject = run.vehicle == -1
+        subject = SubjectTable(
+            time_s=run.time_s[is_subject],
+            position_m=run.position_m[is_subject],
+            speed_mps=run.speed_mps[is_subject],
+            acceleration_mps2=run.acceleration_mps2[is_subject],
+            row=run.row[is_subject],
+            lateral_m=run.lateral_m[is_subject],
+            num_lanes=np.zeros(int(is_subject.sum())),
+        )
+        instant = np.searchsorted(subject.time_s, run.time_s[~is_subject])
+        objects = ObjectTable(
+            instant=instant,
+            track=run.vehicle[~is_subject],
+            row=run.row[~is_subject],
+            offset_m=run.position_m[~is_subject] - subject.position_m[instant],
+            speed_mps=run.speed_mps[~is_subject],
+            lateral_m=run.lateral_m[~is_subject],
+        )
+        return stack_frames(subject, objects, self._sensor.ahead_m, self._sensor.behind_m)
+
+
+class _Pending:
+    """A run that has been started."""
+
+    def __init__(self, simulator: SumoSimulator, request: RunRequest) -> None:
+        self._simulator = simulator
+        self._request = request
+        self._folder, self._future = simulator.start(request)
+
+    def outcome(self) -> RunOutcome:
+        """Wait for the run; make it again if its worker died; return what came of it."""
+        problem = ""
+        for attempt in range(TRIES):
+            if attempt:
+                log.warning("SUMO run with seed %d failed (%s); trying it again", self._request.seed, problem)
+                self._folder, self._future = self._simulator.start(self._request)
+            try:
+                run = self._future.result()
+            except Exception as error:
+                problem = f"{type(error).__name__}: {error}"
+                tail = _log_tail(self._folder)
+            else:
+                return self._simulator.outcome_of(self._request, run)
+            finally:
+                shutil.rmtree(self._folder, ignore_errors=True)
+        return self._simulator.failure_of(self._request, f"{problem}\n{tail}")
+
+
+def _lane_places(scenario: Scenario) -> dict[str, tuple[int, float, bool]]:
+    """Return row, begin on the route's axis, and whether it is carriageway, of each lane and junction lane."""
+    network, rows = scenario.network, scenario.row_map.row_of_lane
+    places = {}
+    for (edge, index), lane in network.lanes.items():
+        places[f"{edge}_{index}"] = (rows[(edge, index)], lane.start_m, edge in network.main_edges)
+    for name, (before, start_m) in network.junction_lanes.items():
+        places[name] = (rows[before], start_m, before[0] in network.main_edges)
+    return places
+
+
+def _log_tail(folder: Path) -> str:
+    try:
+        return (folder / "errors.log").read_text(encoding="utf-8", errors="replace")[-LOG_TAIL_CHARACTERS:]
+    except OSError:
+        return ""

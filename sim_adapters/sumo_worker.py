@@ -1,0 +1,184 @@
+"""One SUMO run in a process of its own: libsumo holds one simulation per process, and may take the process with it."""
+
+import csv
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+os.environ.setdefault("LIBSUMO_AS_TRACI", "quiet")  # no warning about the version of pyarrow, which is not used here
+
+
+@dataclass(frozen=True)
+class SumoJob:
+    """A run to make.
+
+    Attributes:
+        config: configuration to run.
+        folder: where outputs go; removed by whoever made it.
+        seed: SUMO's seed.
+        subject_vehicle: id of the subject vehicle.
+        end_s: when the run ends at the latest.
+        radius_m: distance from the subject vehicle up to which vehicles are written.
+        frame_interval_s: time between two frames.
+        lane_place: row, begin on the route's axis, and whether it is carriageway, of each lane.
+        entrance_of_flow: number of the entrance of each flow.
+        num_entrances: number of entrances.
+    """
+
+    config: Path
+    folder: Path
+    seed: int
+    subject_vehicle: str
+    end_s: float
+    radius_m: float
+    frame_interval_s: float
+    lane_place: Mapping[str, tuple[int, float, bool]]
+    entrance_of_flow: Mapping[str, int]
+    num_entrances: int
+
+
+@dataclass(frozen=True)
+class SumoRun:
+    """What is left of a run; arrays have one entry per frame and vehicle, in order of time.
+
+    Attributes:
+        time_s: time of the frame.
+        vehicle: number of the vehicle by first detection; -1 is the subject vehicle.
+        row: row of the road.
+        position_m: front bumper on the route's axis.
+        speed_mps: speed.
+        acceleration_mps2: acceleration.
+        lateral_m: offset from the centre of the lane, + left.
+        num_arrived: vehicles that asked to enter, per entrance.
+        num_inserted: vehicles that entered, per entrance.
+        num_collisions: vehicle steps in a collision.
+        num_teleports: vehicles that SUMO removed.
+        num_vehicle_steps: vehicles on the road, summed over steps.
+        wall_s: computing time.
+    """
+
+    time_s: np.ndarray
+    vehicle: np.ndarray
+    row: np.ndarray
+    position_m: np.ndarray
+    speed_mps: np.ndarray
+    acceleration_mps2: np.ndarray
+    lateral_m: np.ndarray
+    num_arrived: np.ndarray
+    num_inserted: np.ndarray
+    num_collisions: int
+    num_teleports: int
+    num_vehicle_steps: int
+    wall_s: float
+
+
+class TruncatedOutputError(RuntimeError):
+    """SUMO's output ends early; it says nothing when a disk is full."""
+
+
+def run_job(job: SumoJob) -> SumoRun:
+    """Make a run and read its output.
+
+    Raises:
+        TruncatedOutputError: the output lacks frames.
+    """
+    import time
+
+    import libsumo
+
+    began = time.perf_counter()
+    output = job.folder / "frames.csv"
+    arguments = [
+        "sumo",
+        *("-c", str(job.config), "--seed", str(job.seed)),
+        *("--no-step-log", "true", "--duration-log.disable", "true", "--no-warnings", "true"),
+        *("--error-log", str(job.folder / "errors.log")),
+        *("--fcd-output", str(output), "--precision", "6"),
+        *("--device.fcd.explicit", job.subject_vehicle, "--device.fcd.radius", str(job.radius_m)),
+        *("--device.fcd.period", str(job.frame_interval_s), "--fcd-output.acceleration", "true"),
+        *("--fcd-output.attributes", "id,lane,pos,speed,acceleration,posLat"),
+    ]
+    libsumo.start(arguments)
+    try:
+        counts = _step_until_subject_left(libsumo, job)
+    finally:
+        libsumo.close()
+    frames = _read_frames(output, job)
+    found = len(np.unique(frames["time_s"]))
+    if found != counts["num_frames"]:
+        raise TruncatedOutputError(
+            f"expected {counts['num_frames']} frames in SUMO's output, found {found}; disk full?"
+        )
+    del counts["num_frames"]
+    return SumoRun(**frames, **counts, wall_s=time.perf_counter() - began)
+
+
+def _step_until_subject_left(libsumo, job: SumoJob) -> dict:
+    simulation, vehicles = libsumo.simulation, libsumo.vehicle
+    inserted = np.zeros(job.num_entrances, int)
+    num_collisions = num_teleports = num_vehicle_steps = num_frames = 0
+    step_s = simulation.getDeltaT()
+    steps_per_frame = max(1, round(job.frame_interval_s / step_s))
+    has_entered = False
+    for step in range(round(job.end_s / step_s)):
+        libsumo.simulationStep()
+        for departed in simulation.getDepartedIDList():
+            entrance = job.entrance_of_flow.get(departed.rpartition(".")[0])
+            if entrance is not None:
+                inserted[entrance] += 1
+            has_entered |= departed == job.subject_vehicle
+        num_collisions += simulation.getCollidingVehiclesNumber()
+        num_teleports += simulation.getStartingTeleportNumber()
+        num_vehicle_steps += vehicles.getIDCount()
+        if has_entered:
+            if job.subject_vehicle in simulation.getArrivedIDList():
+                break
+            num_frames += step % steps_per_frame == 0
+    arrived = inserted.copy()
+    for waiting in simulation.getPendingVehicles():
+        entrance = job.entrance_of_flow.get(waiting.rpartition(".")[0])
+        if entrance is not None:
+            arrived[entrance] += 1
+    return {
+        "num_arrived": arrived,
+        "num_inserted": inserted,
+        "num_collisions": num_collisions,
+        "num_teleports": num_teleports,
+        "num_vehicle_steps": num_vehicle_steps,
+        "num_frames": num_frames,
+    }
+
+
+def _read_frames(output: Path, job: SumoJob) -> dict[str, np.ndarray]:
+    number: dict[str, int] = {job.subject_vehicle: -1}
+    rows: list[tuple[float, ...]] = []
+    with output.open(newline="", encoding="utf-8") as file:
+        reader = csv.DictReader(file, delimiter=";")
+        for line in reader:
+            name = line["vehicle_id"]
+            if not name:
+                continue
+            place = job.lane_place.get(line["vehicle_lane"])
+            if place is None or not place[2]:
+                if name != job.subject_vehicle:
+                    continue
+                raise TruncatedOutputError(f"the subject vehicle is on lane '{line['vehicle_lane']}', off its route")
+            row, start_m, _ = place
+            rows.append(
+                (
+                    float(line["timestep_time"]),
+                    number.setdefault(name, len(number) - 1),
+                    row,
+                    start_m + float(line["vehicle_pos"]),
+                    float(line["vehicle_speed"]),
+                    float(line["vehicle_acceleration"]),
+                    float(line["vehicle_posLat"] or 0.0),
+                )
+            )
+    table = np.asarray(rows, float).reshape(len(rows), 7)
+    names = ("time_s", "vehicle", "row", "position_m", "speed_mps", "acceleration_mps2", "lateral_m")
+    columns = dict(zip(names, table.T, strict=True))
+    return columns | {name: columns[name].astype(int) for name in ("vehicle", "row")}
