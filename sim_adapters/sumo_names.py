@@ -44,7 +44,8 @@ MODEL_DEFAULTS: dict[str, dict[str, float]] = {
     "IDM": {"tau": 1.0, "delta": 4.0},
     "Krauss": {"tau": 1.0, "sigma": 0.5},
     "W99": {
-        "cc1": 1.3, "cc2": 8.0, "cc3": -12.0, "cc4": -0.25, "cc5": 0.35, "cc6": 6.0, "cc7": 0.25, "cc8": 2.0, "cc9": 1.5,
+        "cc1": 1.3, "cc2": 8.0, "cc3": -12.0, "cc4": -0.25, "cc5": 0.35,
+        "cc6": 6.0, "cc7": 0.25, "cc8": 2.0, "cc9": 1.5,
     },
 }  # fmt: skip
 
@@ -106,6 +107,11 @@ class UnknownAttributeError(ValueError):
 def known_attributes(model: str) -> tuple[str, ...]:
     """Return the attributes that the surrogate knows for a car-following model."""
     return tuple(_MODEL[model]) + tuple(_COMMON)
+
+
+def following_attributes(model: str) -> tuple[str, ...]:
+    """Return the attributes that decide how a vehicle follows its leader."""
+    return tuple(_MODEL[model]) + (() if model == "W99" else ("decel",))  # SUMO's W99 takes decel for lane changes only
 
 
 def attribute_values(attributes: Mapping[str, str], model: str) -> dict[str, float]:

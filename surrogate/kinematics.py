@@ -59,10 +59,15 @@ def move(
     slow_mps = jnp.minimum(desired_mps, vehicles.speed_factor * vehicles.slow_limit_mps)
     acceleration = jnp.minimum(acceleration, model.slow_acceleration(situation, slow_m, slow_mps, step_s))
 
-    up_mps2 = jnp.minimum(model.field("max_acceleration_mps2"), (desired_mps - v) / step_s)
-    # a vehicle that is faster than it wants to be slows down no harder than it is ready to
-    up_mps2 = jnp.maximum(up_mps2, -model.field("max_deceleration_mps2"))
-    acceleration = jnp.clip(acceleration, -model.field("emergency_deceleration_mps2"), up_mps2)
+    acceleration = limited_acceleration(
+        acceleration,
+        v,
+        desired_mps,
+        model.field("max_acceleration_mps2"),
+        model.field("max_deceleration_mps2"),
+        model.field("emergency_deceleration_mps2"),
+        step_s,
+    )
     standstill = -v / step_s  # advice to go backwards is ignored
     asked, own = vehicles.asked_advice_mps2, vehicles.own_advice_mps2
     is_asked = (asked <= acceleration) & (asked >= standstill)
@@ -75,6 +80,25 @@ def move(
         vehicles, position_m=moved, speed_mps=new_v, acceleration_mps2=jnp.where(is_vehicle, (new_v - v) / step_s, 0.0)
     )
     return vehicles, collided
+
+
+def limited_acceleration(
+    wanted_mps2: Value,
+    speed_mps: Value,
+    desired_speed_mps: Value,
+    max_acceleration_mps2: Value,
+    max_deceleration_mps2: Value,
+    emergency_deceleration_mps2: Value,
+    step_s: float,
+) -> Value:
+    """Return what a vehicle does of what its driver wants.
+
+    It accelerates no harder than it can and not beyond the desired speed; if it is faster than that, it slows down no
+    harder than it is ready to; it brakes no harder than physics allows.
+    """
+    up_mps2 = jnp.minimum(max_acceleration_mps2, (desired_speed_mps - speed_mps) / step_s)
+    up_mps2 = jnp.maximum(up_mps2, -max_deceleration_mps2)
+    return jnp.clip(wanted_mps2, -emergency_deceleration_mps2, up_mps2)
 
 
 def _replace(vehicles: VehicleArrays, **changes: Array) -> VehicleArrays:

@@ -1,0 +1,103 @@
+"""Inflows that the logs show: traffic volume along the route, and what joins and leaves in between.
+
+The volume on a section is the sum of the inflows upstream, each by the share of its vehicles that get that far. The
+subject vehicle samples that volume in a window that moves with it, so single sections are noisy; the scenario's own
+inflows keep those that the logs hardly show near where they are (ridge towards the scenario).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from jaxcalib.measures.observed_road import ObservedRoad
+from sim_adapters.scenario import Scenario
+from sim_adapters.units import SECONDS_PER_HOUR
+from sim_adapters.world_builder import WorldTemplate
+
+SCENARIO_TRUST = 0.15  # relative standard deviation of the true inflows around the scenario's, beyond a common factor
+COMMON_TRUST = 0.5  # of the common factor
+
+
+@dataclass(frozen=True)
+class DemandEstimate:
+    """Inflows that the logs show.
+
+    Attributes:
+        values_vehph: estimate of each input.
+        error_vehph: standard error of each.
+        scenario_vehph: the scenario's own inflows.
+    """
+
+    values_vehph: np.ndarray
+    error_vehph: np.ndarray
+    scenario_vehph: np.ndarray
+
+
+def estimate_demand(
+    scenario: Scenario,
+    template: WorldTemplate,
+    road: ObservedRoad,
+    section_volume_vehph: np.ndarray,
+    section_error_vehph: np.ndarray,
+) -> DemandEstimate:
+    """Estimate the inputs from the volume on each section.
+
+    Args:
+        scenario: for routes and places.
+        template: for the inputs and their flows.
+        road: the sections.
+        section_volume_vehph: vehicles per hour on all lanes, nan where not observed.
+        section_error_vehph: its standard error.
+    """
+    passing = _passing_shares(scenario, template, road)
+    base = template.base_demand_vehph()
+    fixed = _fixed_volume(scenario, template, road)
+    seen = np.isfinite(section_volume_vehph) & np.isfinite(section_error_vehph) & (section_error_vehph > 0)
+    design = passing[seen] * base[None, :] / section_error_vehph[seen, None]
+    target = (section_volume_vehph[seen] - fixed[seen]) / section_error_vehph[seen]
+    # unknowns: common factor and each input's own deviation from it
+    num_inputs = len(base)
+    wide = np.concatenate([design.sum(axis=1, keepdims=True), design], axis=1)
+    prior = np.diag([1.0 / COMMON_TRUST**2] + [1.0 / SCENARIO_TRUST**2] * num_inputs)
+    information = wide.T @ wide + prior
+    right = wide.T @ (target - design.sum(axis=1))
+    covariance = np.linalg.inv(information)
+    change = covariance @ right
+    combine = np.concatenate([np.ones((num_inputs, 1)), np.eye(num_inputs)], axis=1)
+    factor = np.maximum(1.0 + combine @ change, 0.05)
+    error = np.sqrt(np.diag(combine @ covariance @ combine.T))
+    return DemandEstimate(values_vehph=base * factor, error_vehph=base * error, scenario_vehph=base)
+
+
+def _passing_shares(scenario: Scenario, template: WorldTemplate, road: ObservedRoad) -> np.ndarray:
+    """Return the share of each input's vehicles that pass each section, weighted by how much of it they pass."""
+    shares = np.zeros((road.num_sections, template.layout.num_inputs + 1))
+    total = np.zeros(template.layout.num_inputs + 1)
+    for flow, chosen, rate in _flows(scenario, template):
+        shares[:, chosen] += rate * _part_passed(scenario, flow, road)
+        total[chosen] += rate
+    return shares[:, :-1] / np.maximum(total[:-1], 1e-12)
+
+
+def _fixed_volume(scenario: Scenario, template: WorldTemplate, road: ObservedRoad) -> np.ndarray:
+    """Return the volume of flows that belong to no input."""
+    volume = np.zeros(road.num_sections)
+    for flow, chosen, rate in _flows(scenario, template):
+        if chosen == template.layout.num_inputs:
+            volume += rate * SECONDS_PER_HOUR * _part_passed(scenario, flow, road)
+    return volume
+
+
+def _flows(scenario: Scenario, template: WorldTemplate) -> list[tuple[tuple[str, ...], int, float]]:
+    input_of = {flow: index for index, flows in enumerate(template.layout.input_flows) for flow in flows}
+    none = template.layout.num_inputs
+    return [(flow.route, input_of.get(flow.id, none), flow.rate_vehps) for flow in scenario.flows]
+
+
+def _part_passed(scenario: Scenario, route: tuple[str, ...], road: ObservedRoad) -> np.ndarray:
+    network = scenario.network
+    on_main = [edge for edge in route if edge in network.main_edges]
+    begin_m, end_m = network.edge_start_m(on_main[0]), network.edge_end_m(on_main[-1])
+    border = np.asarray(road.section_border_m, float)
+    passed = np.minimum(border[1:], end_m) - np.maximum(border[:-1], begin_m)
+    return np.clip(passed / np.diff(border), 0.0, 1.0)

@@ -1,0 +1,139 @@
+"""Driver parameters that the logs show before any traffic is simulated, each with its error."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Array
+
+from jaxcalib.field_log import DriveLog
+from jaxcalib.initial_values.accepted_gaps import LOGARITHMIC_ERROR, accepted_gaps, assertiveness
+from jaxcalib.initial_values.following_fit import FollowingFit, fit_following
+from jaxcalib.initial_values.following_samples import FollowingSamples, following_samples
+from jaxcalib.parameter_space import ParameterSpace
+from sim_adapters.scenario import Scenario
+from sim_adapters.sumo_names import following_attributes, vehicle_class, with_attribute
+from surrogate.car_following.base import CarFollowingModel
+
+MOST_SAMPLES = 100_000
+FEWEST_SAMPLES = 2_000
+FEWEST_DRIVERS = 30
+LEAST_EXPLAINED_SHARE = 0.25  # below it the model does not describe these drivers, and its fit says nothing
+LEAST_ERROR = 0.01  # of the unit range: models are never better than that
+SPEED_FACTOR_ERROR = 0.02  # drivers as fast as the subject vehicle are met less often than others
+SPEED_DEVIATION_ERROR = 0.01
+CLEAR_SPEED_FACTOR_ERROR = 0.03
+
+
+@dataclass(frozen=True)
+class DriverEstimate:
+    """What the logs say of each driver parameter.
+
+    Attributes:
+        values: estimates, in the order of the layout's attributes; the scenario's values where the logs are silent.
+        unit_error: standard errors in the unit cube; inf where the logs are silent.
+        source: where each comes from, for the report.
+        following: the fit of car-following; None where there was too little to fit.
+        num_samples: moments of car-following found.
+    """
+
+    values: np.ndarray
+    unit_error: np.ndarray
+    source: tuple[str, ...]
+    following: FollowingFit | None
+    num_samples: int
+
+
+def estimate_drivers(
+    scenario: Scenario,
+    space: ParameterSpace,
+    drives: Sequence[DriveLog],
+    scenario_values: np.ndarray,
+    nominal_length_m: float,
+    step_s: float,
+    seed: int,
+) -> DriverEstimate:
+    """Estimate driver parameters from logs.
+
+    Args:
+        scenario: for the model and the speed limits.
+        space: all parameters.
+        drives: logs that the calibration may use.
+        scenario_values: the scenario's driver parameters.
+        nominal_length_m: length taken for every vehicle.
+        step_s: length of a simulation step.
+        seed: of random starts.
+    """
+    attributes, num_inputs = space.layout.attributes, space.layout.num_inputs
+    values = np.array(scenario_values, float)
+    unit_error = np.full(len(attributes), np.inf)
+    source = ["scenario"] * len(attributes)
+    vtype = space.layout.vtypes[0]
+    model, numbers = scenario.model_of(vtype), scenario.values_of(vtype)
+    base = vehicle_class(numbers, model)
+
+    def note(name: str, value: float, error: float, origin: str) -> None:
+        index = attributes.index(name)
+        one = space.ranges[num_inputs + index]
+        if np.isfinite(value) and np.isfinite(error):
+            values[index] = np.clip(value, one.lower, one.upper)
+            unit_error[index] = max(error, LEAST_ERROR)
+            source[index] = origin
+
+    following, num_samples = None, 0
+    fitted = [name for name in following_attributes(model) if name in attributes]
+    chosen = np.asarray([num_inputs + attributes.index(name) for name in fitted], int)
+    if fitted:
+        samples = following_samples(drives, nominal_length_m, step_s, 1)
+        num_samples = len(samples)
+
+        def model_of(theta: Array) -> CarFollowingModel:
+            one = base
+            for index, name in enumerate(fitted):
+                one = with_attribute(one, model, name, theta[index])
+            return one.car_following
+
+        if num_samples >= FEWEST_SAMPLES:
+            samples = samples.thin(MOST_SAMPLES)
+            start = np.asarray([numbers[name] for name in fitted])
+            lower, upper = space.lower[chosen], space.upper[chosen]
+            limit = limits_at(scenario, samples)
+            following = fit_following(samples, limit, model_of, np.clip(start, lower, upper), lower, upper, seed)
+    if following is not None and following.explained_share >= LEAST_EXPLAINED_SHARE:
+        slope = space.slope_of(np.concatenate([space.lower[:num_inputs], values]))[chosen]
+        for index, name in enumerate(fitted):
+            error = following.error[index] / abs(slope[index]) + LEAST_ERROR / following.explained_share
+            note(name, following.values[index], error, "leader-follower pairs")
+        clear = following.speed_factor_error < CLEAR_SPEED_FACTOR_ERROR
+        if clear.sum() >= FEWEST_DRIVERS:
+            factor = following.speed_factor[clear]
+            center = float(np.median(factor))
+            spread = float(np.subtract(*np.quantile(factor, [0.75, 0.25])) / 1.349)
+            for name, value, error in (
+                ("speedFactor", center, SPEED_FACTOR_ERROR + spread / np.sqrt(clear.sum())),
+                ("speedDev", spread, SPEED_DEVIATION_ERROR + spread / np.sqrt(2 * clear.sum())),
+            ):
+                if name in attributes:
+                    one = space.ranges[num_inputs + attributes.index(name)]
+                    note(name, value, error / (one.upper - one.lower), "desired speeds in leader-follower pairs")
+    if "lcAssertive" in attributes:
+        fitted_model = base
+        for index, name in enumerate(attributes):
+            fitted_model = with_attribute(fitted_model, model, name, float(values[index]))
+        assertive = assertiveness(accepted_gaps(drives, nominal_length_m, step_s), fitted_model.car_following, step_s)
+        one = space.ranges[num_inputs + attributes.index("lcAssertive")]
+        note("lcAssertive", assertive, LOGARITHMIC_ERROR / np.log(one.upper / one.lower), "accepted gaps")
+    return DriverEstimate(values, unit_error, tuple(source), following, num_samples)
+
+
+def limits_at(scenario: Scenario, samples: FollowingSamples) -> np.ndarray:
+    """Return the speed limit where each sample's follower was."""
+    network = scenario.network
+    starts = np.asarray([network.edge_start_m(edge) for edge in network.main_edges])
+    edge = np.clip(np.searchsorted(starts, samples.position_m, side="right") - 1, 0, len(starts) - 1)
+    limits = np.full((len(starts), scenario.row_map.num_rows), np.nan)
+    for index, name in enumerate(network.main_edges):
+        for lane in network.edge_lanes(name):
+            limits[index, scenario.row_map.row_of_lane[lane.key]] = lane.speed_limit_mps
+        limits[index] = np.where(np.isnan(limits[index]), np.nanmax(limits[index]), limits[index])
+    return limits[edge, samples.row]

@@ -1,0 +1,88 @@
+"""Open loop: recorded leaders drive simulated followers."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from surrogate.car_following.base import CarFollowingModel, FollowingSituation
+from surrogate.kinematics import limited_acceleration
+
+Value = Float[Array, " follower"]
+
+
+class ReplayStart(eqx.Module):
+    """Followers at the beginning of a replay.
+
+    Attributes:
+        speed_mps: own speed.
+        acceleration_mps2: own acceleration in the step before.
+        gap_m: gap to the leader.
+        leader_acceleration_mps2: the leader's acceleration in the step before.
+        desired_speed_mps: speed wanted.
+    """
+
+    speed_mps: Value
+    acceleration_mps2: Value
+    gap_m: Value
+    leader_acceleration_mps2: Value
+    desired_speed_mps: Value
+
+
+class ReplayState(eqx.Module):
+    """Followers during a replay."""
+
+    speed_mps: Value
+    acceleration_mps2: Value
+    gap_m: Value
+
+
+def replay(
+    model: CarFollowingModel,
+    start: ReplayStart,
+    leader_speed_mps: Float[Array, "step follower"],
+    uniform: Value,
+    step_s: float,
+) -> tuple[ReplayState, ReplayState]:
+    """Return the followers after the last step, and after every step along a leading axis.
+
+    Args:
+        model: one model for all followers, or one record with a value for each.
+        start: the followers at the beginning.
+        leader_speed_mps: the leaders' speeds at the beginning of each step.
+        uniform: random number of each follower, the same in all steps.
+        step_s: length of a step.
+
+    The followers obey the same rules as on the road (`surrogate.kinematics`) but for what lane changing asks of them;
+    the leader's position follows from his speeds by the same semi-implicit Euler step.
+    """
+    first = ReplayState(start.speed_mps, start.acceleration_mps2, start.gap_m)
+    before = leader_speed_mps[0] - step_s * start.leader_acceleration_mps2
+    previous = jnp.concatenate([before[None], leader_speed_mps[:-1]])
+    following = jnp.concatenate([leader_speed_mps[1:], leader_speed_mps[-1:]])
+
+    def one_step(state: ReplayState, leader: tuple[Value, Value, Value]) -> tuple[ReplayState, ReplayState]:
+        past, now, later = leader
+        situation = FollowingSituation(
+            speed_mps=state.speed_mps,
+            gap_m=state.gap_m,
+            leader_speed_mps=now,
+            leader_acceleration_mps2=(now - past) / step_s,
+            acceleration_mps2=state.acceleration_mps2,
+            desired_speed_mps=start.desired_speed_mps,
+            uniform=uniform,
+        )
+        acceleration = limited_acceleration(
+            model.acceleration(situation, step_s),
+            state.speed_mps,
+            start.desired_speed_mps,
+            model.max_acceleration_mps2,
+            model.max_deceleration_mps2,
+            model.emergency_deceleration_mps2,
+            step_s,
+        )
+        speed = jnp.maximum(0.0, state.speed_mps + step_s * acceleration)
+        moved = ReplayState(speed, (speed - state.speed_mps) / step_s, state.gap_m + step_s * (later - speed))
+        return moved, moved
+
+    return jax.lax.scan(one_step, first, (previous, leader_speed_mps, following))
