@@ -1,10 +1,11 @@
 """Who is where: leaders and followers in the own and the adjacent rows.
 
 In the own row the leader is the entry before; in another row a binary search over the sorted positions finds it. That
-is exact, keeps no pointers that could go stale, and costs a gather per halving (0.6 ns each on one core, measured).
+is exact, keeps no pointers that could go stale, and costs a gather per halving (2 ns each on one core, measured).
 """
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
@@ -30,14 +31,17 @@ def entry_ahead(
         sorted_position_m: positions of all entries, sorted by (row, -position).
         head: first entry of each row and the first entry behind the last row.
     """
-    low = take(head, row)
-    high = take(head, row + 1)
-    for _ in range(int(sorted_position_m.shape[0] - 1).bit_length()):
+
+    def halve(_: int, bounds: tuple[Array, Array]) -> tuple[Array, Array]:
+        low, high = bounds
         middle = (low + high) >> 1
         is_ahead = take(sorted_position_m, middle) > position_m
-        low = jnp.where(is_ahead, middle, low)
-        high = jnp.where(is_ahead, high, middle)
-    return low
+        return jnp.where(is_ahead, middle, low), jnp.where(is_ahead, high, middle)
+
+    # a loop, so that XLA does not fuse the halvings into one chain of loads that wait for each other
+    num_halvings = int(sorted_position_m.shape[0] - 1).bit_length()
+    bounds = (take(head, row), take(head, row + 1))
+    return jax.lax.fori_loop(0, num_halvings, halve, bounds)[0]
 
 
 class Neighbour(eqx.Module):

@@ -1,0 +1,1 @@
+"""Calibration of a problem: objective, evaluation of candidates, stages, confirmation in SUMO."""

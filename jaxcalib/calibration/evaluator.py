@@ -1,0 +1,128 @@
+"""Candidates in, pooled tallies out: the only place where a search's candidates meet a simulator."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from sim_adapters.interface import RunOutcome, RunRequest, Simulator
+
+MOST_FAILED_SHARE = 0.1  # of a candidate's runs; with more it has failed, for what it lost need not be like the rest
+
+OnRuns = Callable[[int], None]
+
+
+@dataclass(frozen=True)
+class Evaluations:
+    """Runs of several candidates, the same drives and seeds for each.
+
+    Attributes:
+        tally: tallies of each run, [candidate, run, tally]; nan where a run failed.
+        is_ok: whether a candidate may win.
+        outcomes: all runs in order.
+    """
+
+    tally: Float[np.ndarray, "candidate run tally"]
+    is_ok: Bool[np.ndarray, " candidate"]
+    outcomes: tuple[tuple[RunOutcome, ...], ...]
+
+    @property
+    def pooled(self) -> Float[np.ndarray, "candidate tally"]:
+        """Tallies per run, pooled over each candidate's successful runs; nan for a candidate that failed."""
+        with np.errstate(invalid="ignore"):
+            count = np.isfinite(self.tally[:, :, :1]).sum(axis=1)
+            mean = np.nansum(self.tally, axis=1) / np.maximum(count, 1)
+        return np.where(self.is_ok[:, None] & (count > 0), mean, np.nan)
+
+
+class Evaluator:
+    """Runs candidates in one simulator with common random numbers."""
+
+    def __init__(
+        self, simulator: Simulator, departs_s: tuple[float, ...], first_seed: int, on_runs: OnRuns | None = None
+    ) -> None:
+        """Keep what all evaluations share.
+
+        Args:
+            simulator: engine.
+            departs_s: departures of the drives that are matched; runs take them in turn.
+            first_seed: seed of the first run; each run of a candidate has a seed of its own.
+            on_runs: told how many runs have been made.
+        """
+        self._simulator = simulator
+        self._departs_s = departs_s
+        self._first_seed = first_seed
+        self._on_runs = on_runs
+        self.num_runs = 0
+
+    def rounds_of(self, num_runs: int) -> int:
+        """Return a number of runs near the wanted one in which each drive occurs equally often."""
+        distinct = len(set(self._departs_s))
+        return max(1, round(num_runs / distinct)) * distinct
+
+    def requests(self, values: Float[np.ndarray, " parameter"], num_runs: int, offset: int = 0) -> list[RunRequest]:
+        """Return the runs of one candidate."""
+        departs = self._interleaved_departs_s()
+        return [
+            RunRequest(
+                values=tuple(float(value) for value in values),
+                seed=self._first_seed + offset + run,
+                depart_s=departs[run % len(departs)],
+            )
+            for run in range(num_runs)
+        ]
+
+    def evaluate(self, values: Float[np.ndarray, "candidate parameter"], num_runs: int, offset: int = 0) -> Evaluations:
+        """Run candidates.
+
+        Args:
+            values: parameter values, one candidate per row.
+            num_runs: runs per candidate.
+            offset: of the seeds, so that other seeds are used than elsewhere.
+        """
+        requests = [request for row in values for request in self.requests(row, num_runs, offset)]
+        outcomes = self._simulator.run(requests)
+        self.num_runs += len(requests)
+        if self._on_runs is not None:
+            self._on_runs(len(requests))
+        return gather([outcomes[i : i + num_runs] for i in range(0, len(outcomes), num_runs)])
+
+    def _interleaved_departs_s(self) -> list[float]:
+        """Return the departures in an order in which any few in a row differ."""
+        return sorted(set(self._departs_s)) if _is_even(self._departs_s) else list(self._departs_s)
+
+
+def gather(outcomes: list[list[RunOutcome]]) -> Evaluations:
+    """Return the runs of several candidates as arrays.
+
+    Raises:
+        RuntimeError: no run at all succeeded, so that not even the number of tallies is known.
+    """
+    sizes = [len(run.observed) for runs in outcomes for run in runs if run.status.is_ok]
+    if not sizes:
+        reasons = sorted({run.status.value for runs in outcomes for run in runs})
+        tail = next((run.log_tail for runs in outcomes for run in runs if run.log_tail), "")
+        raise AllRunsFailedError(f"all {sum(map(len, outcomes))} runs failed: {'; '.join(reasons)}", tail)
+    nothing = np.full(sizes[0], np.nan)
+    tally = np.asarray([[run.observed if run.status.is_ok else nothing for run in runs] for runs in outcomes], float)
+    failed = np.asarray([[not run.status.is_ok for run in runs] for runs in outcomes]).mean(axis=1)
+    return Evaluations(tally, failed <= MOST_FAILED_SHARE, tuple(tuple(runs) for runs in outcomes))
+
+
+class AllRunsFailedError(RuntimeError):
+    """No run succeeded; the command ends with exit code 3.
+
+    Attributes:
+        log_tail: the simulator's last words.
+    """
+
+    def __init__(self, message: str, log_tail: str) -> None:
+        """Keep message and log."""
+        super().__init__(message)
+        self.log_tail = log_tail
+
+
+def _is_even(departs_s: tuple[float, ...]) -> bool:
+    counts = [departs_s.count(one) for one in set(departs_s)]
+    return min(counts) == max(counts)

@@ -1,0 +1,123 @@
+"""The measures that a calibration matches, as one vector, with the noise that seeds and drives leave on it."""
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from sklearn.covariance import LedoitWolf
+
+from jaxcalib.measures.measure import Level, Measure
+
+FEWEST_OBSERVATIONS = 30.0  # in all drives to fit together; fewer say nothing of a mean
+# Surrogate and SUMO share their equations of motion but not every single acceleration: SUMO averages some limit cycles
+# of one step only in what vehicles do, not in how they accelerate. What depends on single steps is left out.
+SINGLE_STEP = ("acceleration_square_m2ps4", "subject_acceleration_square_m2ps4", "background_lane_change_duration_s",
+               "subject_lane_change_duration_s")  # fmt: skip
+# These follow from others, or repeat them in another unit.
+REDUNDANT = ("subject_travel_time_s", "background_lane_changes_per_drive", "subject_lane_changes_per_drive",
+             "cut_ins_pkm", "background_lane_changes_pkm", "traffic_volume_vehph", "traffic_density_vehpkm",
+             "traffic_speed_mps", "background_following_distance_m", "background_spacing_m", "subject_spacing_m",
+             "background_time_headway_s", "background_time_gap_s")  # fmt: skip
+# Bins of a distribution are far from normal where they are rare, and their means are here already. Volume is density
+# times speed.
+REDUNDANT_PATTERN = re.compile(r"_share_[\d.]+_[\d.]+_|^section_\d+_volume_|^section_\d+_subject_speed_|^row_0_share$")
+
+
+@dataclass(frozen=True)
+class Moments:
+    """Quotients of tallies, as one vector.
+
+    Attributes:
+        names: names of the measures.
+        levels: what each describes.
+        numerator: place of each numerator among the tallies.
+        denominator: place of each denominator.
+        scale: factor of each.
+    """
+
+    names: tuple[str, ...]
+    levels: tuple[Level, ...]
+    numerator: np.ndarray
+    denominator: np.ndarray
+    scale: np.ndarray
+
+    def values(self, tally: Float[np.ndarray, "... tally"]) -> Float[np.ndarray, "... moment"]:
+        """Return the moments of pooled tallies; nan where nothing was observed."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            values = self.scale * tally[..., self.numerator] / tally[..., self.denominator]
+        return np.where(tally[..., self.denominator] > 0.0, values, np.nan)
+
+    def influence(self, tally: Float[np.ndarray, "run tally"]) -> Float[np.ndarray, "run moment"]:
+        """Return how much each run moves the moments of all runs (delta method); the mean over runs is 0."""
+        mean = tally.mean(axis=0)
+        value = self.values(mean)
+        above, below = self.scale * tally[:, self.numerator], tally[:, self.denominator]
+        return (above - value * below) / mean[self.denominator]
+
+    def take(self, chosen: np.ndarray) -> "Moments":
+        """Return some of the moments."""
+        places = np.arange(len(self.names))[chosen]
+        return Moments(
+            tuple(self.names[place] for place in places),
+            tuple(self.levels[place] for place in places),
+            self.numerator[places],
+            self.denominator[places],
+            self.scale[places],
+        )
+
+
+def all_moments(measures: Mapping[str, Measure], tally_index: Mapping[str, int]) -> Moments:
+    """Return all measures that are quotients of two tallies, without those that repeat others."""
+    chosen = [
+        measure
+        for measure in measures.values()
+        if type(measure) is Measure
+        and measure.name not in (*SINGLE_STEP, *REDUNDANT)
+        and not REDUNDANT_PATTERN.search(measure.name)
+    ]
+    return moments_of(chosen, tally_index)
+
+
+def moments_of(measures: Sequence[Measure], tally_index: Mapping[str, int]) -> Moments:
+    """Return measures as a vector."""
+    return Moments(
+        names=tuple(measure.name for measure in measures),
+        levels=tuple(measure.level for measure in measures),
+        numerator=np.asarray([tally_index[measure.numerator] for measure in measures], int),
+        denominator=np.asarray([tally_index[measure.denominator] for measure in measures], int),
+        scale=np.asarray([measure.scale for measure in measures], float),
+    )
+
+
+def observed_moments(
+    moments: Moments, field: Float[np.ndarray, "drive tally"], simulated: Float[np.ndarray, "run tally"]
+) -> Moments:
+    """Return the moments that both the field and the simulation observe often enough.
+
+    Args:
+        moments: to choose from.
+        field: tallies of the field's drives.
+        simulated: tallies of runs near where the search begins.
+    """
+    per_run = len(field) / len(simulated)
+    enough = np.ones(len(moments.names), bool)
+    for tally in (field.sum(axis=0), per_run * simulated.sum(axis=0)):
+        enough &= tally[moments.denominator] >= FEWEST_OBSERVATIONS
+    spread = np.nan_to_num(moments.influence(simulated)).std(axis=0)
+    return moments.take(enough & (spread > 0.0))
+
+
+def noise_covariance(
+    moments: Moments, simulated: Float[np.ndarray, "run tally"]
+) -> Float[np.ndarray, "moment moment"]:
+    """Return the covariance of the moments of one run; that of n pooled runs is an n-th of it.
+
+    Source: influence of single runs (delta method for ratios of means), shrunk towards uncorrelated moments by
+    Ledoit & Wolf (2004), J. Multivariate Anal. 88, as scikit-learn has it, since runs are hardly more than moments.
+    """
+    influence = moments.influence(simulated)
+    deviation = influence.std(axis=0, ddof=1)
+    correlation = LedoitWolf(assume_centered=True).fit(influence / deviation).covariance_
+    return correlation * np.outer(deviation, deviation)

@@ -1,0 +1,65 @@
+"""Both simulators of a problem, ready to run."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxcalib.problem import FRAME_INTERVAL_S, CalibrationProblem
+from sim_adapters.jax_simulator import JaxSimulator
+from sim_adapters.sumo_simulator import SensorRange, SumoSimulator
+from sim_adapters.units import METRES_PER_KILOMETRE
+from surrogate.perception import Sensor
+from surrogate.step import Clock
+
+DECISION_INTERVAL_S = 0.5  # averages over limit cycles of one step in SUMO's lane changing; see docs/surrogate.md
+SPARE_CAPACITY = 1.4  # candidates may be denser than the field
+RAMP_VEHICLES = 32
+OBJECTS_PER_ROW = 32
+
+
+def prepare_devices(num_cores: int) -> None:
+    """Let the surrogate use all cores; without effect once JAX has started."""
+    try:
+        jax.config.update("jax_num_cpu_devices", num_cores)
+    except RuntimeError:  # a program that imports jaxcalib has used JAX before; then its devices stand
+        return
+
+
+def surrogate_engine(problem: CalibrationProblem) -> JaxSimulator:
+    """Return the surrogate for a problem."""
+    scenario, perception = problem.parts.scenario, problem.case.perception
+    steps_per_decision = max(1, round(DECISION_INTERVAL_S / scenario.step_s))
+    return JaxSimulator(
+        template=problem.template,
+        observer=problem.tally,
+        sensor=Sensor(
+            jnp.asarray(perception.ahead_m, jnp.float32), jnp.asarray(perception.behind_m, jnp.float32), OBJECTS_PER_ROW
+        ),
+        clock=Clock(scenario.step_s, steps_per_decision),
+        end_s=scenario.duration_s,
+        capacity=expected_vehicles(problem),
+        frame_interval_s=FRAME_INTERVAL_S,
+    )
+
+
+def sumo_engine(problem: CalibrationProblem, num_processes: int | None = None) -> SumoSimulator:
+    """Return SUMO for a problem; close it after use."""
+    perception = problem.case.perception
+    return SumoSimulator(
+        scenario=problem.scenario,
+        layout=problem.layout,
+        fold=problem.fold,
+        sensor=SensorRange(perception.ahead_m, perception.behind_m),
+        subject_vehicle=problem.parts.subject.vehicle,
+        frame_interval_s=FRAME_INTERVAL_S,
+        end_s=problem.parts.scenario.duration_s,
+        num_processes=num_processes,
+    )
+
+
+def expected_vehicles(problem: CalibrationProblem) -> int:
+    """Return how many vehicles the surrogate should have room for, from the density that the field shows."""
+    pooled = dict(zip(problem.tally_names, problem.field_tally.sum(axis=0), strict=True))
+    density_vehpkm = problem.measures["traffic_density_vehpkm"].value(pooled).value
+    lane_km = float(problem.road.lane_m[-1]) / METRES_PER_KILOMETRE
+    return int(np.ceil(SPARE_CAPACITY * density_vehpkm * lane_km)) + RAMP_VEHICLES

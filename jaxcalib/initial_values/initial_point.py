@@ -1,0 +1,106 @@
+"""Where the search begins: what the logs say of inputs and driver parameters, with its error."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from jaxcalib.initial_values.demand_profile import DemandEstimate, estimate_demand
+from jaxcalib.initial_values.driver_values import DriverEstimate, estimate_drivers
+from jaxcalib.parameter_space import ParameterSpace, parameter_space, round_values
+from jaxcalib.problem import CalibrationProblem
+from sim_adapters.units import SECONDS_PER_HOUR
+
+LEAST_VOLUME_ERROR = 0.03  # relative, of a section's volume: vehicles between two sections are counted in neither
+
+
+@dataclass(frozen=True)
+class InitialPoint:
+    """Where the search begins.
+
+    Attributes:
+        space: bounds of all parameters, inputs around their initial values (Eqs. 5-6).
+        scenario_values: what the scenario says: no calibration.
+        values: initial values.
+        unit_error: standard error of each in the unit cube; inf where the logs are silent.
+        source: where each comes from.
+        drivers: estimates behind the driver parameters.
+        demand: estimates behind the inputs.
+    """
+
+    space: ParameterSpace
+    scenario_values: np.ndarray
+    values: np.ndarray
+    unit_error: np.ndarray
+    source: tuple[str, ...]
+    drivers: DriverEstimate
+    demand: DemandEstimate
+
+
+def find_initial_point(
+    problem: CalibrationProblem, scaling_factor: float, bounds: Mapping[str, tuple[float, float]], seed: int
+) -> InitialPoint:
+    """Return the initial point of a problem.
+
+    Args:
+        problem: the problem.
+        scaling_factor: delta of Eqs. 5 and 6: how far inputs may leave their initial values.
+        bounds: the user's bounds, by name.
+        seed: of random starts.
+
+    Raises:
+        CaseError: bounds are wrong.
+    """
+    scenario_values = round_values(problem.template.base_values())
+    demand = demand_from_logs(problem)
+    space = parameter_space(problem.layout, problem.model, demand.values_vehph, scaling_factor, bounds)
+    num_inputs = problem.layout.num_inputs
+    drivers = estimate_drivers(
+        problem.scenario,
+        space,
+        [drive for drive in problem.drives if drive.role == "fit"],
+        scenario_values[num_inputs:],
+        problem.case.perception.nominal_length_m,
+        problem.parts.scenario.step_s,
+        seed,
+    )
+    values = np.clip(np.concatenate([demand.values_vehph, drivers.values]), space.lower, space.upper)
+    unit_error = np.concatenate([demand.error_vehph / (space.upper - space.lower)[:num_inputs], drivers.unit_error])
+    return InitialPoint(
+        space=space,
+        scenario_values=scenario_values,
+        values=round_values(values),
+        unit_error=unit_error,
+        source=("volume along the route",) * num_inputs + drivers.source,
+        drivers=drivers,
+        demand=demand,
+    )
+
+
+def demand_from_logs(problem: CalibrationProblem) -> DemandEstimate:
+    """Return the inflows that the drives to fit show."""
+    volume, error = section_volumes(problem)
+    return estimate_demand(problem.scenario, problem.template, problem.road, volume, error)
+
+
+def section_volumes(problem: CalibrationProblem) -> tuple[np.ndarray, np.ndarray]:
+    """Return volume on all lanes of each section, veh/h, and its standard error over drives (jackknife)."""
+    tally, index, road = problem.field_of("fit"), problem.tally_index, problem.road
+    sections = range(road.num_sections)
+    speed = tally[:, [index[f"section_speed[{section}]"] for section in sections]]
+    lane_m = tally[:, [index[f"section_lane_m[{section}]"] for section in sections]]
+    border = np.asarray(road.section_border_m, float)
+    lanes = np.diff(np.asarray(road.lane_m_before(road.section_border_m), float)) / np.diff(border)
+
+    def volume(speed: np.ndarray, lane_m: np.ndarray) -> np.ndarray:
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.where(lane_m > 0.0, SECONDS_PER_HOUR * lanes * speed / lane_m, np.nan)
+
+    pooled = volume(speed.sum(axis=0), lane_m.sum(axis=0))
+    num_drives = len(tally)
+    if num_drives > 1:
+        others = volume(speed.sum(axis=0) - speed, lane_m.sum(axis=0) - lane_m)
+        error = np.sqrt((num_drives - 1) / num_drives * np.sum((others - others.mean(axis=0)) ** 2, axis=0))
+    else:
+        error = 0.1 * pooled
+    return pooled, np.hypot(error, LEAST_VOLUME_ERROR * pooled)

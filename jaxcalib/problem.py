@@ -1,0 +1,175 @@
+"""Everything that a calibration starts from: the case, its scenario, its logs, and what the logs measure."""
+
+import functools
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import jax.numpy as jnp
+import numpy as np
+
+from jaxcalib.case import Case, Role, ScenarioParts, read_case, require_scenario
+from jaxcalib.case_file import FILE_NAME
+from jaxcalib.errors import CaseError, quote
+from jaxcalib.field_log import DriveLog, read_drives
+from jaxcalib.measures.drive_tally import DriveTally, drive_tally
+from jaxcalib.measures.measure import Measure
+from jaxcalib.measures.observed_road import ObservedRoad, observe_road
+from jaxcalib.measures.registry import all_measures
+from jaxcalib.measures.scene import MeasureSettings
+from jaxcalib.measures.whole_drive import WholeDriveFold
+from jaxcalib.parameter_space import RANGES, behaviour_parameters
+from sim_adapters.errors import ScenarioError
+from sim_adapters.interface import ParameterLayout
+from sim_adapters.scenario import Scenario, read_scenario
+from sim_adapters.world_builder import WorldTemplate, build_template
+
+FRAME_INTERVAL_S = 0.5
+FRAMES_STEP = 128
+LEAST_SPEED_MPS = 2.0  # below it a time headway means nothing
+LONGEST_HEADWAY_S = 6.0  # behind it a vehicle does not follow its leader
+SPARE_TRACKS = 2.5  # simulated drives may meet more vehicles than the field's
+
+
+@dataclass(frozen=True)
+class CalibrationProblem:
+    """What a calibration starts from.
+
+    Attributes:
+        case: the case.
+        parts: the parts of it that simulations need.
+        scenario: the SUMO scenario.
+        template: what all surrogate worlds of it share.
+        tally: what is counted in a drive.
+        fold: the same for drives that are there already.
+        measures: what is made of tallies, by name.
+        drives: logs of the drives.
+        field_tally: tallies of each drive, [drive, tally].
+    """
+
+    case: Case
+    parts: ScenarioParts
+    scenario: Scenario
+    template: WorldTemplate
+    tally: DriveTally
+    fold: WholeDriveFold
+    measures: Mapping[str, Measure]
+    drives: tuple[DriveLog, ...]
+    field_tally: np.ndarray
+
+    @property
+    def layout(self) -> ParameterLayout:
+        """Meaning of parameter vectors."""
+        return self.template.layout
+
+    @property
+    def road(self) -> ObservedRoad:
+        """The observed road."""
+        return self.tally.settings.road
+
+    @property
+    def tally_names(self) -> tuple[str, ...]:
+        """Names of the tallies."""
+        return self.tally.names
+
+    @functools.cached_property
+    def tally_index(self) -> Mapping[str, int]:
+        """Place of each tally in the vector."""
+        return {name: index for index, name in enumerate(self.tally_names)}
+
+    @property
+    def model(self) -> str:
+        """Car-following model of the background vehicles."""
+        return self.parts.behaviour.car_following
+
+    def departs_s(self, role: Role) -> tuple[float, ...]:
+        """Return when the subject vehicle departs in each drive of a role."""
+        return tuple(drive.depart_s for drive in self.case.drives_of(role))
+
+    def field_of(self, role: Role) -> np.ndarray:
+        """Return the tallies of the drives of a role, [drive, tally]."""
+        return self.field_tally[[drive.role == role for drive in self.drives]]
+
+    def warnings(self) -> tuple[str, ...]:
+        """Return what a user should know of the inputs, one line each."""
+        return (*self.scenario.warnings, *(line for drive in self.drives for line in drive.warnings))
+
+
+def read_problem(folder: Path | str) -> CalibrationProblem:
+    """Read a case, its scenario and its logs, and measure the field.
+
+    Args:
+        folder: the case's folder.
+
+    Raises:
+        CaseError: something in them is wrong; one line says what.
+    """
+    case = read_case(folder)
+    parts = require_scenario(case)
+    try:
+        scenario = read_scenario(
+            parts.scenario.config_file, case.folder, parts.subject.vehicle, parts.scenario.duration_s
+        )
+        layout = _layout(parts)
+        template = build_template(scenario, layout)
+        _check_models(scenario, parts)
+    except ScenarioError as error:
+        raise CaseError(error.file, "", error.message) from None
+    drives = read_drives(case, scenario.row_map)
+    tally = drive_tally(_measure_settings(case, observe_road(scenario), drives))
+    longest_s = max(parts.scenario.duration_s - drive.depart_s for drive in case.drives)
+    num_frames = FRAMES_STEP * int(np.ceil((longest_s / FRAME_INTERVAL_S + 2) / FRAMES_STEP))
+    fold = WholeDriveFold(tally, num_frames)
+    return CalibrationProblem(
+        case=case,
+        parts=parts,
+        scenario=scenario,
+        template=template,
+        tally=tally,
+        fold=fold,
+        measures=all_measures(tally.settings.road),
+        drives=drives,
+        field_tally=np.stack([fold(drive.frames(FRAME_INTERVAL_S)) for drive in drives]),
+    )
+
+
+def _layout(parts: ScenarioParts) -> ParameterLayout:
+    model = parts.behaviour.car_following
+    if model not in RANGES:
+        known = ", ".join(RANGES)
+        raise CaseError(FILE_NAME, "behaviour.car_following", f"expected one of {known}, got {quote(model)}.")
+    return ParameterLayout(
+        input_ids=tuple(entrance.id for entrance in parts.inputs),
+        input_flows=tuple(entrance.flows for entrance in parts.inputs),
+        vtypes=parts.behaviour.vtypes,
+        attributes=behaviour_parameters(FILE_NAME, model, parts.behaviour.parameters),
+    )
+
+
+def _check_models(scenario: Scenario, parts: ScenarioParts) -> None:
+    for vtype in parts.behaviour.vtypes:
+        model = scenario.model_of(vtype)
+        if model != parts.behaviour.car_following:
+            raise CaseError(
+                FILE_NAME,
+                "behaviour.car_following",
+                f"expected {quote(model)}, as in vType {quote(vtype)}, got {quote(parts.behaviour.car_following)}.",
+            )
+    if scenario.demand.subject_vtype != parts.subject.vtype:
+        raise CaseError(
+            FILE_NAME,
+            "subject.vtype",
+            f"expected the type of vehicle {quote(parts.subject.vehicle)}, {quote(scenario.demand.subject_vtype)}, "
+            f"got {quote(parts.subject.vtype)}.",
+        )
+
+
+def _measure_settings(case: Case, road: ObservedRoad, drives: tuple[DriveLog, ...]) -> MeasureSettings:
+    most_tracks = max([len(np.unique(drive.objects.track)) for drive in drives] or [0])
+    return MeasureSettings(
+        road=road,
+        nominal_length_m=jnp.asarray(case.perception.nominal_length_m, jnp.float32),
+        least_speed_mps=jnp.asarray(LEAST_SPEED_MPS, jnp.float32),
+        longest_headway_s=jnp.asarray(LONGEST_HEADWAY_S, jnp.float32),
+        num_tracks=FRAMES_STEP * int(np.ceil((SPARE_TRACKS * most_tracks + 2) / FRAMES_STEP)),
+    )
