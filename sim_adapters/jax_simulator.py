@@ -1,5 +1,6 @@
 """The surrogate as an engine: the one place where runs become a batch, sharded over the devices that JAX sees."""
 
+import threading
 import time
 from collections.abc import Sequence
 from functools import partial
@@ -19,7 +20,7 @@ from surrogate.step import Clock
 
 RUNS_PER_DEVICE = 32  # fits the arrays of a few hundred vehicles into a core's cache
 CAPACITY_STEP = 128
-MOST_DOUBLINGS = 2
+MOST_OVERFULL_SHARE = 0.25  # of the runs of one call; then the room is too small, not the candidate odd
 COLLISION_STEPS_ALLOWED = 100  # 10 vehicle-seconds of overlap; SUMO goes on after a collision as well
 
 
@@ -49,25 +50,38 @@ class JaxSimulator:
             sensor: the subject vehicle's sensors.
             clock: lengths of steps.
             end_s: when runs end at the latest.
-            capacity: vehicles on the road for which there is room; runs that need more are made again with more.
+            capacity: vehicles on the road for which there is room. Single runs that need more have failed; if many
+                do, all are made again with more.
             runs_per_device: size of a device's part of a batch.
-            frame_interval_s: time between two frames; a multiple of the interval of decisions.
+            frame_interval_s: time between two frames; a multiple or a part of the interval of decisions.
         """
         self._template = template
         self._observer = observer
         self._sensor = sensor
         self._clock = clock
-        self._decisions_per_frame = round(frame_interval_s / clock.interval_s)
+        self._steps_per_frame = round(frame_interval_s / clock.step_s)
         self._end_s = end_s
         self._capacity = -(-capacity // CAPACITY_STEP) * CAPACITY_STEP
+        self._largest_capacity = 4 * self._capacity
         self._mesh = Mesh(np.asarray(jax.devices()), ("run",))
         self._batch = runs_per_device * self._mesh.size
-        self._program = jax.jit(self._observe, static_argnames="capacity")
+        self._programs: dict[int, jax.stages.Compiled] = {}
+        self._compiling = threading.Lock()
+        self.compile_s = 0.0
 
     @property
     def layout(self) -> ParameterLayout:
         """Meaning of the parameter vectors."""
         return self._template.layout
+
+    @property
+    def capacity(self) -> int:
+        """Vehicles for which there is room; grows when many runs need more."""
+        return self._capacity
+
+    def prepare(self) -> None:
+        """Compile what runs need; may be called in a thread while something else goes on."""
+        self._program(self._capacity)
 
     @property
     def batch(self) -> int:
@@ -77,38 +91,49 @@ class JaxSimulator:
     def run(self, requests: Sequence[RunRequest]) -> list[RunOutcome]:
         """Make all runs and return their outcomes in the same order.
 
-        Runs are grouped by departure, since a batch lasts as long as its longest run.
+        Runs are grouped by departure, since a batch lasts as long as its longest run. A call whose runs need more room
+        leaves that room to those after it.
         """
+        outcomes = self._run_all(requests)
+        while sum(outcome.status is Status.OVERFULL for outcome in outcomes) > MOST_OVERFULL_SHARE * len(outcomes):
+            if self._capacity >= self._largest_capacity:
+                break
+            self._capacity *= 2
+            outcomes = self._run_all(requests)
+        return outcomes
+
+    def _run_all(self, requests: Sequence[RunRequest]) -> list[RunOutcome]:
         order = sorted(range(len(requests)), key=lambda index: requests[index].depart_s)
         outcomes: list[RunOutcome | None] = [None] * len(requests)
         for begin in range(0, len(order), self._batch):
             chosen = order[begin : begin + self._batch]
-            made = self._run_batch([requests[index] for index in chosen])
+            made = self._run_once([requests[index] for index in chosen], self._capacity)
             for index, outcome in zip(chosen, made, strict=True):
                 outcomes[index] = outcome
         return [outcome for outcome in outcomes if outcome is not None]
 
-    def _run_batch(self, requests: list[RunRequest]) -> list[RunOutcome]:
-        capacity = self._capacity
-        outcomes = self._run_once(requests, capacity)
-        for _ in range(MOST_DOUBLINGS):
-            overfull = [index for index, outcome in enumerate(outcomes) if outcome.status is Status.OVERFULL]
-            if not overfull:
-                break
-            capacity *= 2
-            again = self._run_once([requests[index] for index in overfull], capacity)
-            for index, outcome in zip(overfull, again, strict=True):
-                outcomes[index] = outcome
-        return outcomes
+    def _program(self, capacity: int) -> jax.stages.Compiled:
+        """Return the program for a batch, compiled when it is needed first."""
+        with self._compiling:
+            if capacity not in self._programs:
+                began = time.perf_counter()
+                shapes = (
+                    jax.ShapeDtypeStruct((self._batch, len(self.layout.names)), jnp.float32),
+                    jax.ShapeDtypeStruct((self._batch,), jnp.int32),
+                    jax.ShapeDtypeStruct((self._batch,), jnp.float32),
+                )
+                program = jax.jit(partial(self._observe, capacity=capacity))
+                self._programs[capacity] = program.lower(*shapes).compile()
+                self.compile_s += time.perf_counter() - began
+            return self._programs[capacity]
 
     def _run_once(self, requests: list[RunRequest], capacity: int) -> list[RunOutcome]:
         began = time.perf_counter()
         filled = requests + [requests[-1]] * (self._batch - len(requests))
-        record = self._program(
+        record = self._program(capacity)(
             jnp.asarray([request.values for request in filled], jnp.float32),
             jnp.asarray([request.seed for request in filled], jnp.int32),
             jnp.asarray([request.depart_s for request in filled], jnp.float32),
-            capacity=capacity,
         )
         record = jax.tree.map(np.asarray, record)
         wall_s = (time.perf_counter() - began) / len(requests)
@@ -124,7 +149,7 @@ class JaxSimulator:
         departs_s: Float[Array, " run"],
         capacity: int,
     ) -> RunRecord:
-        plan = RunPlan(self._clock, capacity + self._template.road.num_rows, self._decisions_per_frame)
+        plan = RunPlan(self._clock, capacity + self._template.road.num_rows, self._steps_per_frame)
 
         @partial(jax.shard_map, mesh=self._mesh, in_specs=Spec("run"), out_specs=Spec("run"), check_vma=False)
         def on_one_device(
@@ -132,7 +157,7 @@ class JaxSimulator:
         ) -> RunRecord:
             axes = self._template.batch_axes()
             worlds = jax.vmap(self._template.world, out_axes=axes)(values, seeds, departs_s)
-            first_frame_s = jnp.min(departs_s) - self._clock.interval_s * self._decisions_per_frame
+            first_frame_s = jnp.min(departs_s) - self._clock.interval_s
             end_s = jnp.asarray(self._end_s, jnp.float32)
             return observe_batch(worlds, axes, self._sensor, self._observer, plan, first_frame_s, end_s)
 

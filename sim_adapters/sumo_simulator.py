@@ -18,7 +18,7 @@ from sim_adapters.frame_table import ObjectTable, SubjectTable, stack_frames
 from sim_adapters.interface import ParameterLayout, RunOutcome, RunRequest, Status
 from sim_adapters.scenario import Scenario
 from sim_adapters.scenario_writer import write_scenario
-from sim_adapters.sumo_worker import SumoJob, SumoRun, run_job
+from sim_adapters.sumo_worker import SumoJob, SumoRun, give_way, run_job
 from surrogate.perception import PerceptionFrame
 
 log = logging.getLogger(__name__)
@@ -89,6 +89,7 @@ class SumoSimulator:
             max_workers=self.num_processes,
             max_tasks=RUNS_PER_WORKER,
             context=multiprocessing.get_context("spawn"),
+            initializer=give_way,
         )
         self._lane_place = _lane_places(scenario)
         self._entrance_of_flow = {flow.id: scenario.entrances.index(flow.route[0]) for flow in scenario.flows}

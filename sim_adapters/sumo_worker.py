@@ -8,6 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
+NICENESS = 10
+
 os.environ.setdefault("LIBSUMO_AS_TRACI", "quiet")  # no warning about the version of pyarrow, which is not used here
 
 
@@ -73,6 +75,11 @@ class SumoRun:
     num_teleports: int
     num_vehicle_steps: int
     wall_s: float
+
+
+def give_way() -> None:
+    """Let the surrogate go first where both run at once."""
+    os.nice(NICENESS)
 
 
 class TruncatedOutputError(RuntimeError):

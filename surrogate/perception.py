@@ -75,7 +75,9 @@ def perceive(
     Only the carriageway is seen; vehicles on ramps are not.
     """
     vehicles = state.vehicles
-    is_subject = vehicles.vehicle_class == subject_class
+    end_m = take(road.destination_end_m, vehicles.destination)
+    has_arrived = vehicles.position_m >= end_m  # it leaves the road at the next decision
+    is_subject = (vehicles.vehicle_class == subject_class) & ~has_arrived
     valid = jnp.any(is_subject)
     subject = jnp.argmax(is_subject)
     here_m, speed = take(vehicles.position_m, subject), take(vehicles.speed_mps, subject)
@@ -90,7 +92,8 @@ def perceive(
     position = take(vehicles.position_m, entry)
     offset = position - here_m
     on_carriageway = take(road.is_carriageway.reshape(-1), row * road.num_segments + road.segment_at(position))
-    seen = in_row.reshape(-1) & valid & on_carriageway & (offset >= -sensor.behind_m) & (offset <= sensor.ahead_m)
+    is_there = in_row.reshape(-1) & ~take(has_arrived, entry)
+    seen = is_there & valid & on_carriageway & (offset >= -sensor.behind_m) & (offset <= sensor.ahead_m)
     seen_subject = seen & (take(vehicles.vehicle_class, entry) == subject_class)
 
     track = take(vehicles.track, entry)

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from surrogate.perception import PerceptionFrame, Sensor, perceive
-from surrogate.step import Clock, World, advance, initial_state
+from surrogate.step import Clock, World, advance, initial_state, move_on, settle_lanes
 from surrogate.traffic_state import TrafficState
 
 ObserverState = Any
@@ -68,14 +68,20 @@ class RunPlan(eqx.Module):
     Attributes:
         clock: lengths of steps.
         capacity: entries of the vehicle arrays: rows plus the most vehicles on the road.
-        decisions_per_frame: decision intervals between two frames.
-        frames_per_block: frames between two looks at whether all subject vehicles have arrived.
+        steps_per_frame: steps between two frames; a multiple or a divisor of the steps between two decisions.
+        block_s: time between two looks at whether all subject vehicles have arrived.
     """
 
     clock: Clock
     capacity: int = eqx.field(static=True)
-    decisions_per_frame: int = eqx.field(static=True, default=1)
-    frames_per_block: int = eqx.field(static=True, default=20)
+    steps_per_frame: int = eqx.field(static=True)
+    block_s: float = eqx.field(static=True, default=10.0)
+
+    def __check_init__(self) -> None:
+        """Check that frames and decisions meet."""
+        longer, shorter = sorted((self.steps_per_frame, self.clock.steps_per_decision), reverse=True)
+        if longer % shorter:
+            raise ValueError(f"Expected frames every multiple or part of {self.clock.steps_per_decision} steps.")
 
 
 def observe_batch(
@@ -107,15 +113,30 @@ def observe_batch(
     def unseen(_: Int[Array, ""], states: TrafficState) -> TrafficState:
         return jax.vmap(lambda state, world: advance(state, world, clock), in_axes=(0, axes))(states, worlds)
 
+    decisions_per_frame = max(1, plan.steps_per_frame // clock.steps_per_decision)
+    frames_per_decision = max(1, clock.steps_per_decision // plan.steps_per_frame)
+    steps = min(plan.steps_per_frame, clock.steps_per_decision)
+    # SUMO's lane changes lie anywhere between two frames; here they lie in the middle
+    first_steps = -(-steps // 2) if plan.steps_per_frame <= clock.steps_per_decision else steps
+    cycles_per_block = max(1, round(plan.block_s / clock.step_s / max(plan.steps_per_frame, clock.steps_per_decision)))
+
     def seen(_: Int[Array, ""], carry: tuple[TrafficState, ObserverState]) -> tuple[TrafficState, ObserverState]:
         def one(state: TrafficState, observed: ObserverState, world: World) -> tuple[TrafficState, ObserverState]:
-            for _ in range(plan.decisions_per_frame):
+            for _ in range(decisions_per_frame - 1):
                 state = advance(state, world, clock)
-            time_s = state.step.astype(jnp.float32) * clock.step_s
-            with jax.named_scope("perceive"):
-                state, frame = perceive(state, world.road, sensor, subject_class, time_s)
-            with jax.named_scope("observe"):
-                return state, observer.update(observed, frame)
+            state = settle_lanes(state, world, clock)
+
+            def frame(number: int, carry: tuple[TrafficState, ObserverState]) -> tuple[TrafficState, ObserverState]:
+                state, observed = carry
+                state = move_on(state, world, clock.step_s, jnp.where(number == 0, first_steps, steps))
+                time_s = state.step.astype(jnp.float32) * clock.step_s
+                with jax.named_scope("perceive"):
+                    state, seen_now = perceive(state, world.road, sensor, subject_class, time_s)
+                with jax.named_scope("observe"):
+                    return state, observer.update(observed, seen_now)
+
+            state, observed = jax.lax.fori_loop(0, frames_per_decision, frame, (state, observed))
+            return move_on(state, world, clock.step_s, steps - first_steps), observed
 
         return jax.vmap(one, in_axes=(0, 0, axes))(*carry, worlds)
 
@@ -123,7 +144,7 @@ def observe_batch(
         carry: tuple[TrafficState, ObserverState, Int[Array, " run"]],
     ) -> tuple[TrafficState, ObserverState, Int[Array, " run"]]:
         states, observed, most = carry
-        states, observed = jax.lax.fori_loop(0, plan.frames_per_block, seen, (states, observed))
+        states, observed = jax.lax.fori_loop(0, cycles_per_block, seen, (states, observed))
         return states, observed, jnp.maximum(most, _num_on_road(states))
 
     def goes_on(carry: tuple[TrafficState, ObserverState, Int[Array, " run"]]) -> Bool[Array, ""]:

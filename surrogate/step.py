@@ -82,8 +82,12 @@ def initial_state(world: World, capacity: int) -> TrafficState:
 
 
 def advance(state: TrafficState, world: World, clock: Clock) -> TrafficState:
-    """Return the state one decision interval later."""
-    state = _move_all(state, world, clock)
+    """Return the state one decision interval later: lanes first, then as many moves as the interval has steps."""
+    return move_on(settle_lanes(state, world, clock), world, clock.step_s, clock.steps_per_decision)
+
+
+def settle_lanes(state: TrafficState, world: World, clock: Clock) -> TrafficState:
+    """Return the state after one decision: vehicles change lane, leave and enter; no time passes."""
     now_s = state.step.astype(jnp.float32) * clock.step_s
     queues = arrive(state, world.inflow, world.demand_vehps, world.seed, now_s, clock.interval_s)
     with jax.named_scope("lane_change"):
@@ -138,7 +142,8 @@ def advance(state: TrafficState, world: World, clock: Clock) -> TrafficState:
     )
 
 
-def _move_all(state: TrafficState, world: World, clock: Clock) -> TrafficState:
+def move_on(state: TrafficState, world: World, step_s: float, num_steps: int | Int[Array, ""]) -> TrafficState:
+    """Return the state after some steps in which everybody stays in his lane."""
     cooperative = []
     for vehicle_class in world.classes:
         model = vehicle_class.lane_change
@@ -147,12 +152,12 @@ def _move_all(state: TrafficState, world: World, clock: Clock) -> TrafficState:
 
     def one_step(_: int, carry: tuple[VehicleArrays, Array, Array]) -> tuple[VehicleArrays, Array, Array]:
         vehicles, step, num_collisions = carry
-        vehicles, collided = move(vehicles, world.classes, cooperative_speed, world.seed, step, clock.step_s)
+        vehicles, collided = move(vehicles, world.classes, cooperative_speed, world.seed, step, step_s)
         return vehicles, step + 1, num_collisions + collided
 
     with jax.named_scope("move"):
         carry = (state.vehicles, state.step, state.num_collisions)
-        vehicles, step, num_collisions = jax.lax.fori_loop(0, clock.steps_per_decision, one_step, carry)
+        vehicles, step, num_collisions = jax.lax.fori_loop(0, num_steps, one_step, carry)
     return eqx.tree_at(lambda s: (s.vehicles, s.step, s.num_collisions), state, (vehicles, step, num_collisions))
 
 
@@ -173,4 +178,4 @@ def _replace(vehicles: VehicleArrays, **changes: Array) -> VehicleArrays:
     return VehicleArrays(**(fields | changes))
 
 
-__all__ = ["ENTRANCE_STRIDE", "Clock", "Queues", "World", "advance", "initial_state"]
+__all__ = ["ENTRANCE_STRIDE", "Clock", "Queues", "World", "advance", "initial_state", "move_on", "settle_lanes"]

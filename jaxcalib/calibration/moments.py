@@ -10,6 +10,7 @@ from sklearn.covariance import LedoitWolf
 
 from jaxcalib.measures.measure import Level, Measure
 
+FEWEST_EVENTS = 5.0  # in all drives to fit together, of what is counted per drive
 FEWEST_OBSERVATIONS = 30.0  # in all drives to fit together; fewer say nothing of a mean
 # Surrogate and SUMO share their equations of motion but not every single acceleration: SUMO averages some limit cycles
 # of one step only in what vehicles do, not in how they accelerate. What depends on single steps is left out.
@@ -35,6 +36,7 @@ class Moments:
         numerator: place of each numerator among the tallies.
         denominator: place of each denominator.
         scale: factor of each.
+        drives: place of the number of drives among the tallies.
     """
 
     names: tuple[str, ...]
@@ -42,6 +44,7 @@ class Moments:
     numerator: np.ndarray
     denominator: np.ndarray
     scale: np.ndarray
+    drives: int
 
     def values(self, tally: Float[np.ndarray, "... tally"]) -> Float[np.ndarray, "... moment"]:
         """Return the moments of pooled tallies; nan where nothing was observed."""
@@ -65,6 +68,7 @@ class Moments:
             self.numerator[places],
             self.denominator[places],
             self.scale[places],
+            self.drives,
         )
 
 
@@ -88,6 +92,7 @@ def moments_of(measures: Sequence[Measure], tally_index: Mapping[str, int]) -> M
         numerator=np.asarray([tally_index[measure.numerator] for measure in measures], int),
         denominator=np.asarray([tally_index[measure.denominator] for measure in measures], int),
         scale=np.asarray([measure.scale for measure in measures], float),
+        drives=tally_index["drives"],
     )
 
 
@@ -103,8 +108,10 @@ def observed_moments(
     """
     per_run = len(field) / len(simulated)
     enough = np.ones(len(moments.names), bool)
+    is_per_drive = moments.denominator == moments.drives
     for tally in (field.sum(axis=0), per_run * simulated.sum(axis=0)):
-        enough &= tally[moments.denominator] >= FEWEST_OBSERVATIONS
+        observations = np.where(is_per_drive, tally[moments.numerator], tally[moments.denominator])
+        enough &= observations >= np.where(is_per_drive, FEWEST_EVENTS, FEWEST_OBSERVATIONS)
     spread = np.nan_to_num(moments.influence(simulated)).std(axis=0)
     return moments.take(enough & (spread > 0.0))
 

@@ -31,12 +31,17 @@ from jaxcalib.search.trust_region_config import TrustRegionConfig
 from jaxcalib.search.trust_region_state import TrustRegionInfo, TrustRegionState, blank_info
 
 
-def init(center: Float[np.ndarray, " parameter"], config: TrustRegionConfig | None = None) -> TrustRegionState:
+def init(
+    center: Float[np.ndarray, " parameter"],
+    config: TrustRegionConfig | None = None,
+    known: EvaluatedPoints | None = None,
+) -> TrustRegionState:
     """Begin a search around a point.
 
     Args:
         center: in the unit cube, for example the best candidate of the genetic algorithm.
         config: options; None means `TrustRegionConfig()`.
+        known: points that have been evaluated before; those near the centre help to fit the surface.
 
     Raises:
         ValueError: the centre is not a point of the unit cube.
@@ -53,7 +58,7 @@ def init(center: Float[np.ndarray, " parameter"], config: TrustRegionConfig | No
         radius=config.initial_radius,
         candidates=local_design(center, config.initial_radius, config.design, 0),
         predicted_improvement=None,
-        evaluated=None,
+        evaluated=known,
         status=SearchStatus.RUNNING,
     )
 

@@ -1,0 +1,194 @@
+"""One call calibrates a case: initial values, two stages in the surrogate, confirmation in SUMO, errors on unseen drives."""
+
+import logging
+import os
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+
+from jaxcalib.calibration.budget import plan_budget
+from jaxcalib.calibration.confirmation import confirm
+from jaxcalib.calibration.evaluator import Evaluator
+from jaxcalib.calibration.final_errors import FinalRuns, start_final_runs
+from jaxcalib.calibration.two_stage import search_two_stages
+from jaxcalib.calibration.record import CalibrationRecord
+from jaxcalib.case import Role
+from jaxcalib.engines import prepare_devices, sumo_engine, surrogate_engine
+from jaxcalib.initial_values.initial_point import find_initial_point
+from jaxcalib.journal import JournaledSumo, JournaledSurrogate
+from jaxcalib.outputs import write_outputs
+from jaxcalib.parameter_space import round_values
+from jaxcalib.problem import CalibrationProblem, read_problem
+from jaxcalib.progress import Progress, Silent
+from jaxcalib.result import CalibrationResult
+from jaxcalib.result_tables import build_result
+from jaxcalib.run_folder import RunFolder, identify, open_run_folder
+from jaxcalib.settings import Settings, read_settings
+
+log = logging.getLogger(__name__)
+
+# First seeds of each kind of run; no two kinds share one. SUMO takes 32 bits.
+SEEDS_PER_CALIBRATION = 1_000_000
+MOST_SEED = 2_000
+SEARCH_SEED = 0
+CONFIRMATION_SEED = 200_000
+FINAL_SEEDS: dict[Role, int] = {"held_out": 300_000, "fit": 400_000}
+
+
+def calibrate(
+    case: Path | str,
+    out: Path | str | None = None,
+    *,
+    seed: int = 0,
+    budget: float = 1.0,
+    resume: bool = False,
+    settings: Settings | Path | None = None,
+    progress: Progress | None = None,
+) -> CalibrationResult:
+    """Calibrate demand and driver behaviour of a case.
+
+    Args:
+        case: the case's folder.
+        out: RUN, the folder for journal, result.json, report.html and scenario/; None keeps nothing.
+        seed: of all random numbers, 0 to 2000.
+        budget: factor on the numbers of runs; the same budget does the same work on any machine.
+        resume: go on with what `out` holds.
+        settings: further options, or a TOML file of them.
+        progress: told how far it is.
+
+    Returns:
+        The result, as in result.json.
+
+    Raises:
+        CaseError: the case, the settings or RUN are wrong; one line says what.
+        AllRunsFailedError: a simulator failed.
+    """
+    began = time.perf_counter()
+    if not 0 <= seed <= MOST_SEED or not 0.05 <= budget <= 100.0:
+        raise ValueError(f"Expected a seed of 0 to {MOST_SEED} and a budget of 0.05 to 100; got {seed} and {budget}.")
+    chosen = settings if isinstance(settings, Settings) else read_settings(settings)
+    prepare_devices(len(os.sched_getaffinity(0)))
+    problem = read_problem(case)
+    options = {"seed": seed, "budget": budget, "settings": repr(chosen)}
+    if out is None:
+        with tempfile.TemporaryDirectory(prefix="jaxcalib-") as folder:
+            run_folder = open_run_folder(Path(folder) / "run", identify(problem.case, options), False)
+            with run_folder:
+                return _calibrate(problem, chosen, seed, budget, run_folder, progress or Silent(), began)
+    with open_run_folder(Path(out), identify(problem.case, options), resume) as run_folder:
+        return _calibrate(problem, chosen, seed, budget, run_folder, progress or Silent(), began)
+
+
+def _calibrate(
+    problem: CalibrationProblem,
+    settings: Settings,
+    seed: int,
+    scale: float,
+    run_folder: RunFolder,
+    progress: Progress,
+    began: float,
+) -> CalibrationResult:
+    plan = plan_budget(problem, scale)
+    first_seed = seed * SEEDS_PER_CALIBRATION
+    stopwatch = Stopwatch()
+    stopwatch.add("reading", time.perf_counter() - began)
+    progress.plan(plan.num_surrogate_runs, plan.num_sumo_runs)
+    journal = run_folder.journal
+    engine = surrogate_engine(problem)
+    with sumo_engine(problem) as sumo_pool, ThreadPoolExecutor(1) as thread:
+        sumo = JournaledSumo(sumo_pool, journal)
+        compiled = thread.submit(engine.prepare)  # meanwhile the logs are fitted, and SUMO runs what needs no search
+
+        def start_final(values: np.ndarray) -> dict[Role, Callable[[], FinalRuns]]:
+            return {
+                role: start_final_runs(
+                    problem, sumo, values, role, plan.final_runs_of(role), first_seed + first, progress.sumo_runs
+                )
+                for role, first in FINAL_SEEDS.items()
+            }
+
+        uncalibrated = start_final(round_values(problem.template.base_values()))
+        progress.stage("initial_values")
+        with stopwatch.time("initial_values"):
+            initial = find_initial_point(problem, settings.scaling_factor, settings.bounds, seed)
+        compiled.result()
+        surrogate = Evaluator(
+            JournaledSurrogate(engine, journal),
+            problem.departs_s("fit"),
+            first_seed + SEARCH_SEED,
+            progress.surrogate_runs,
+        )
+        found = search_two_stages(problem, initial, surrogate, settings, plan, seed, progress)
+        for name, wall_s in found.wall_s.items():
+            stopwatch.add(name, wall_s)
+        confirming = Evaluator(
+            sumo, problem.departs_s("fit"), first_seed + CONFIRMATION_SEED, progress.sumo_runs
+        )
+        with stopwatch.time("confirmation"):
+            confirmation = confirm(
+                found, initial, surrogate, confirming, plan, progress, lambda: stopwatch.start("corrected_search")
+            )
+        progress.stage("final_errors")
+        with stopwatch.time("final_errors"):
+            calibrated = start_final(initial.space.values_of(confirmation.best[None])[0])
+            final = {
+                name: {role: wait() for role, wait in waiting.items()}
+                for name, waiting in (("uncalibrated", uncalibrated), ("calibrated", calibrated))
+            }
+        processes = sumo_pool.num_processes
+    stopwatch.add("compile", engine.compile_s)
+    record = CalibrationRecord(
+        problem=problem,
+        settings=settings,
+        budget=plan,
+        seed=seed,
+        initial=initial,
+        found=found,
+        confirmation=confirmation,
+        calibrated=final["calibrated"],
+        uncalibrated=final["uncalibrated"],
+        search_seeds={
+            "search": first_seed + SEARCH_SEED,
+            "confirmation": first_seed + CONFIRMATION_SEED,
+            **{f"final_{role}": first_seed + one for role, one in FINAL_SEEDS.items()},
+        },
+        num_surrogate_runs=surrogate.num_runs,
+        num_sumo_processes=processes,
+        wall_s=stopwatch.wall_s,
+    )
+    progress.stage("report")
+    record.wall_s["total"] = time.perf_counter() - began + journal.served_s
+    result = build_result(record)
+    write_outputs(record, result, run_folder)
+    return result
+
+
+class Stopwatch:
+    """Adds up the time of each part."""
+
+    def __init__(self) -> None:
+        """Begin with nothing."""
+        self.wall_s: dict[str, float] = {}
+
+    def add(self, name: str, wall_s: float) -> None:
+        """Add time to a part."""
+        self.wall_s[name] = self.wall_s.get(name, 0.0) + wall_s
+
+    @contextmanager
+    def time(self, name: str) -> Iterator[None]:
+        """Add the time of a block."""
+        stop = self.start(name)
+        try:
+            yield
+        finally:
+            stop()
+
+    def start(self, name: str) -> Callable[[], None]:
+        """Start to time a part; return what is called at its end."""
+        began = time.perf_counter()
+        return lambda: self.add(name, time.perf_counter() - began)

@@ -1,0 +1,96 @@
+"""How many runs each part gets, from the size of the scenario alone, so that the same command does the same work."""
+
+from dataclasses import dataclass
+
+from jaxcalib.calibration.screening import smallest_array
+from jaxcalib.case import Role
+from jaxcalib.engines import expected_vehicles
+from jaxcalib.problem import CalibrationProblem
+
+# A run of a corridor, in places for vehicles times steps. Larger scenarios get fewer runs per candidate, but not in
+# proportion: what they cost grows with the square root of their size.
+SMALL_RUN = 3e6
+RUNS_PER_CANDIDATE = 4.0
+FEWEST_RUNS = 2
+SIZE_EXPONENT = 0.5
+LARGE_RATIO = 3.0
+SEEDS_PER_HELD_OUT_DRIVE = 10  # fresh ones, for the final errors
+SEEDS_IF_LARGE = 4
+
+
+@dataclass(frozen=True)
+class Budget:
+    """Numbers of runs.
+
+    Attributes:
+        runs_per_candidate: while screening and in SAGA.
+        noise_runs: to estimate the noise of the measures.
+        polish_runs: per candidate of the joint polish.
+        population_size: of SAGA.
+        num_generations: of SAGA.
+        polish_iterations: of the joint polish.
+        confirmation_rounds: alternations of surrogate and SUMO.
+        confirmation_runs: SUMO runs per finalist and round.
+        final_runs: SUMO runs of the result and of the uncalibrated scenario, on held-out drives each.
+        final_fit_runs: the same on the drives to fit.
+        num_surrogate_runs: about so many in all, for the progress bar.
+    """
+
+    runs_per_candidate: int
+    noise_runs: int
+    polish_runs: int
+    population_size: int
+    num_generations: int
+    polish_iterations: int
+    confirmation_rounds: int
+    confirmation_runs: int
+    final_runs: int
+    final_fit_runs: int
+    num_surrogate_runs: int
+
+    @property
+    def num_sumo_runs(self) -> int:
+        """SUMO runs in all."""
+        return self.confirmation_rounds * self.confirmation_runs + 2 * (self.final_runs + self.final_fit_runs)
+
+    def final_runs_of(self, role: Role) -> int:
+        """Return SUMO runs of one point on the drives of a role."""
+        return self.final_fit_runs if role == "fit" else self.final_runs
+
+
+def plan_budget(problem: CalibrationProblem, scale: float = 1.0) -> Budget:
+    """Return the numbers of runs for a problem.
+
+    Args:
+        problem: the problem.
+        scale: 1 for the default; numbers of runs grow and shrink with it.
+    """
+    scenario = problem.parts.scenario
+    size = expected_vehicles(problem) * scenario.duration_s / scenario.step_s
+    ratio = max(1.0, size / SMALL_RUN)
+    is_large = ratio > LARGE_RATIO
+    per_candidate = max(FEWEST_RUNS, round(RUNS_PER_CANDIDATE * scale / ratio**SIZE_EXPONENT))
+    noise_runs = max(24, round((64 if not is_large else 32) * min(scale, 4.0)))
+    polish_runs = 4 * per_candidate
+    num_fit, num_held_out = len(problem.departs_s("fit")), len(problem.departs_s("held_out"))
+    seeds = max(1, round((SEEDS_IF_LARGE if is_large else SEEDS_PER_HELD_OUT_DRIVE) * min(scale, 1.0)))
+    num_parameters = len(problem.layout.names)
+    screened = sum(
+        smallest_array(number).num_cases + 3 for number in (problem.layout.num_inputs, len(problem.layout.attributes))
+    )
+    population, generations = 16, max(2, round(5 * min(scale, 3.0)))
+    return Budget(
+        runs_per_candidate=per_candidate,
+        noise_runs=noise_runs,
+        polish_runs=polish_runs,
+        population_size=population,
+        num_generations=generations,
+        polish_iterations=1,
+        confirmation_rounds=2,
+        confirmation_runs=2 * num_fit,
+        final_runs=num_held_out * seeds,
+        final_fit_runs=num_fit,
+        num_surrogate_runs=(screened + population * generations) * per_candidate
+        + 2 * (num_parameters + 4) * polish_runs
+        + 8 * noise_runs,
+    )

@@ -1,0 +1,135 @@
+"""The errors that a result is judged by: in SUMO, on seeds that no search has seen, beside those of no calibration."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from jaxcalib.calibration.accuracy import (
+    Effectiveness,
+    bootstrap_interval,
+    effectiveness,
+    mean_errors,
+    noise_floor,
+)
+from jaxcalib.calibration.evaluator import gather
+from jaxcalib.case import Role
+from jaxcalib.journal import JournaledSumo
+from jaxcalib.problem import CalibrationProblem
+from sim_adapters.interface import RunOutcome, RunRequest
+
+ROLES: tuple[Role, ...] = ("fit", "held_out")
+
+
+@dataclass(frozen=True)
+class FinalRuns:
+    """SUMO runs of one point on the drives of one role.
+
+    Attributes:
+        tally: tallies of the successful runs.
+        drive: which drive of the role each stands for.
+        outcomes: all runs.
+    """
+
+    tally: Float[np.ndarray, "run tally"]
+    drive: np.ndarray
+    outcomes: tuple[RunOutcome, ...]
+
+
+@dataclass(frozen=True)
+class FinalErrors:
+    """Errors on the drives of one role.
+
+    Attributes:
+        pooled: errors of all runs pooled.
+        per_seed: mean over seeds of the errors of one run per drive.
+        interval: 90 % interval of each error, drives and runs drawn again.
+        floor: mean errors of field-like sets of the same runs.
+        floor_vehicle_level: mean of Eq. 23 over those sets.
+        floor_high: 95 % quantile of each.
+    """
+
+    pooled: Effectiveness
+    per_seed: dict[str, float | None]
+    interval: dict[str, tuple[float, float] | None]
+    floor: dict[str, float | None]
+    floor_vehicle_level: float
+    floor_high: dict[str, float | None]
+
+
+def start_final_runs(
+    problem: CalibrationProblem,
+    sumo: JournaledSumo,
+    values: Float[np.ndarray, " parameter"],
+    role: Role,
+    num_runs: int,
+    first_seed: int,
+    on_run: Callable[[int], None],
+) -> Callable[[], FinalRuns]:
+    """Start the runs of a point in the background; return what waits for them.
+
+    Args:
+        problem: the problem.
+        sumo: SUMO.
+        values: parameter values.
+        role: drives.
+        num_runs: runs, the drives in turn.
+        first_seed: seed of the first; each run has its own.
+        on_run: told of each run.
+    """
+    departs_s = problem.departs_s(role)
+    drive = np.arange(num_runs if departs_s else 0) % max(len(departs_s), 1)
+    requests = [
+        RunRequest(tuple(float(value) for value in values), first_seed + run, departs_s[place])
+        for run, place in enumerate(drive)
+    ]
+    wait = sumo.start(requests, on_run)
+
+    def finish() -> FinalRuns:
+        outcomes = wait()
+        if not outcomes:
+            return FinalRuns(np.zeros((0, len(problem.tally_names))), drive, ())
+        tally = gather([outcomes]).tally[0]
+        is_ok = np.isfinite(tally).all(axis=1)
+        return FinalRuns(tally[is_ok], drive[is_ok], tuple(outcomes))
+
+    return finish
+
+
+def final_errors(problem: CalibrationProblem, role: Role, runs: FinalRuns, with_floor: bool) -> FinalErrors | None:
+    """Return the errors of runs against the field's drives of a role; None where it has none.
+
+    Args:
+        problem: the problem.
+        role: drives.
+        runs: runs of one point.
+        with_floor: whether to add the noise floor of these runs.
+    """
+    field = problem.field_of(role)
+    if not len(field) or not len(runs.tally):
+        return None
+    names, measures = problem.tally_names, problem.measures
+    real = field.sum(axis=0)
+    singles = [effectiveness(measures, names, real, one) for one in _one_run_per_drive(runs)]
+    draws = noise_floor(measures, names, runs.tally, runs.drive) if with_floor else []
+    return FinalErrors(
+        pooled=effectiveness(measures, names, real, runs.tally.sum(axis=0)),
+        per_seed=mean_errors(singles),
+        interval=bootstrap_interval(measures, names, field, runs.tally),
+        floor=mean_errors(draws),
+        floor_vehicle_level=float(np.mean([draw.vehicle_level for draw in draws])) if draws else float("nan"),
+        floor_high={name: _quantile([draw.errors[name] for draw in draws]) for name in singles[0].errors},
+    )
+
+
+def _one_run_per_drive(runs: FinalRuns) -> list[Float[np.ndarray, " tally"]]:
+    """Return the pooled tallies of each complete round of drives."""
+    places = [np.flatnonzero(runs.drive == one) for one in np.unique(runs.drive)]
+    rounds = min(len(place) for place in places)
+    return [runs.tally[[place[number] for place in places]].sum(axis=0) for number in range(rounds)]
+
+
+def _quantile(errors: list[float | None]) -> float | None:
+    known = [error for error in errors if error is not None]
+    return float(np.quantile(known, 0.95)) if known else None

@@ -1,0 +1,124 @@
+"""SAGA on the critical parameters, and the joint polish of all that the data can move."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from jaxcalib.calibration.search_box import SearchBox
+from jaxcalib.calibration.search_run import Judged, SearchRun
+from jaxcalib.search import SagaConfig, SagaInfo, TrustRegionConfig, TrustRegionInfo, saga, trust_region
+from jaxcalib.search.evaluated_points import EvaluatedPoints, append_points
+
+INSIDE = 1e-6  # of the unit range: values are rounded
+
+
+@dataclass(frozen=True)
+class Optimisation:
+    """Result of a search.
+
+    Attributes:
+        best: best point in the unit cube.
+        best_accuracy: its accuracy as the search saw it.
+        generations: what each generation or iteration reported.
+    """
+
+    best: Float[np.ndarray, " parameter"]
+    best_accuracy: float
+    generations: tuple[SagaInfo | TrustRegionInfo, ...]
+
+
+def optimise(
+    run: SearchRun,
+    box: SearchBox,
+    initial_candidates: Float[np.ndarray, "candidate parameter"],
+    num_runs: int,
+    config: SagaConfig,
+    seed: int,
+    stage: str,
+) -> Optimisation:
+    """Search the critical parameters with SAGA.
+
+    Args:
+        run: evaluator and objective.
+        box: critical parameters and their bounds.
+        initial_candidates: in the unit cube, for the first generation.
+        num_runs: runs per candidate.
+        config: options of SAGA.
+        seed: of SAGA's random numbers.
+        stage: name for the record.
+
+    Source: Algorithm 3.
+    """
+    first = np.unique(box.box_of(initial_candidates), axis=0)[: config.population_size]
+    state = saga.init(len(box.chosen), seed, first, config)
+    reports = []
+    while not state.status.is_final:
+        judged = run.judge(box.unit_of(saga.ask(state)), num_runs, stage)
+        state, info = saga.tell(state, judged.accuracy, judged.is_ok)
+        reports.append(info)
+    best = initial_candidates[0] if state.best_candidate is None else box.unit_of(state.best_candidate[None])[0]
+    return Optimisation(best, float(state.best_accuracy), tuple(reports))
+
+
+def polish(
+    run: SearchRun,
+    box: SearchBox,
+    start: Float[np.ndarray, " parameter"],
+    num_runs: int,
+    config: TrustRegionConfig,
+    stage: str,
+    known: Sequence[Judged] = (),
+) -> Optimisation:
+    """Improve a point with Gauss-Newton steps on the residuals, all parameters of the box at once.
+
+    Args:
+        run: evaluator and objective.
+        box: parameters and their bounds.
+        start: in the unit cube.
+        num_runs: runs per candidate.
+        config: options of the trust region.
+        stage: name for the record.
+        known: candidates of earlier stages; those near the centre help to fit the surface.
+
+    Source: not in the paper, which never measures Stage 1 again after Stage 2 has moved the driver parameters.
+    """
+    state = trust_region.init(box.box_of(start[None])[0], config, _evaluated(run, box, known, num_runs))
+    reports = []
+    while not state.status.is_final:
+        judged = run.judge(box.unit_of(trust_region.ask(state)), num_runs, stage)
+        residuals = np.where(judged.is_ok[:, None], judged.residuals, np.nan)
+        state, info = trust_region.tell(state, residuals, np.ones(residuals.shape[1]), is_ok=judged.is_ok)
+        reports.append(info)
+    best = box.unit_of(state.center[None])[0]
+    misfit = reports[-1].center_misfit if reports else np.nan
+    return Optimisation(best, float(misfit), tuple(reports))
+
+
+def _evaluated(
+    run: SearchRun, box: SearchBox, known: Sequence[Judged], num_runs: int
+) -> EvaluatedPoints | None:
+    """Return earlier candidates that lie in the box, by the present objective, weighted by their runs."""
+    evaluated = None
+    for judged in known:
+        residuals = run.objective.residuals(judged.unit, judged.pooled, num_runs)
+        points = box.box_of(judged.unit)
+        is_inside = np.abs(box.unit_of(points) - judged.unit).max(axis=1) < INSIDE
+        is_counted = is_inside & np.isfinite(residuals).all(axis=1)
+        weights = np.full_like(residuals, judged.num_runs / num_runs)
+        evaluated = append_points(evaluated, points, residuals, weights, is_counted)
+    return evaluated if evaluated is not None and len(evaluated.points) else None
+
+
+def best_of(judged: Sequence[Judged], count: int) -> Float[np.ndarray, "candidate parameter"]:
+    """Return the best candidates of several rounds, best first."""
+    unit = np.vstack([one.unit for one in judged])
+    accuracy = np.concatenate([one.accuracy for one in judged])
+    order = np.argsort(-np.nan_to_num(accuracy, nan=-np.inf), kind="stable")
+    return unit[order[:count]]
+
+
+def with_population(config: SagaConfig, population_size: int, num_generations: int) -> SagaConfig:
+    """Return the options with another size."""
+    return replace(config, population_size=population_size, num_generations=num_generations)

@@ -1,0 +1,47 @@
+"""All that a calibration found, for results and reports."""
+
+from dataclasses import dataclass, field
+
+from jaxcalib.calibration.budget import Budget
+from jaxcalib.calibration.confirmation import Confirmation
+from jaxcalib.calibration.final_errors import FinalRuns
+from jaxcalib.calibration.two_stage import TwoStageResult
+from jaxcalib.case import Role
+from jaxcalib.initial_values.initial_point import InitialPoint
+from jaxcalib.problem import CalibrationProblem
+from jaxcalib.settings import Settings
+
+
+@dataclass
+class CalibrationRecord:
+    """All that a calibration found.
+
+    Attributes:
+        problem: what it started from.
+        settings: options.
+        budget: numbers of runs.
+        seed: of all random numbers.
+        initial: what the logs said before the search.
+        found: the search in the surrogate.
+        confirmation: the finalists in SUMO.
+        calibrated: SUMO runs of the result, by role of the drives.
+        uncalibrated: SUMO runs of the scenario as it was.
+        search_seeds: first seed of each kind of run.
+        num_surrogate_runs: runs of the surrogate.
+        num_sumo_processes: SUMO runs side by side.
+        wall_s: time of each part.
+    """
+
+    problem: CalibrationProblem
+    settings: Settings
+    budget: Budget
+    seed: int
+    initial: InitialPoint
+    found: TwoStageResult
+    confirmation: Confirmation
+    calibrated: dict[Role, FinalRuns]
+    uncalibrated: dict[Role, FinalRuns]
+    search_seeds: dict[str, int]
+    num_surrogate_runs: int
+    num_sumo_processes: int
+    wall_s: dict[str, float] = field(default_factory=dict)

@@ -1,0 +1,52 @@
+"""The part of the unit cube that one stage searches: some parameters within bounds, the others held."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+NARROWEST = 1e-3  # of the unit range
+
+
+@dataclass(frozen=True)
+class SearchBox:
+    """A box around a point.
+
+    Attributes:
+        held: values of all parameters in the unit cube; those that are not searched keep them.
+        chosen: places of the parameters that are searched.
+        lower: their lower bounds in the unit cube.
+        upper: their upper bounds.
+    """
+
+    held: Float[np.ndarray, " parameter"]
+    chosen: Int[np.ndarray, " chosen"]
+    lower: Float[np.ndarray, " chosen"]
+    upper: Float[np.ndarray, " chosen"]
+
+    def unit_of(self, points: Float[np.ndarray, "candidate chosen"]) -> Float[np.ndarray, "candidate parameter"]:
+        """Return points of the unit cube for points of the box, whose coordinates go from 0 to 1."""
+        unit = np.tile(self.held, (len(points), 1))
+        unit[:, self.chosen] = self.lower + points * (self.upper - self.lower)
+        return unit
+
+    def box_of(self, unit: Float[np.ndarray, "candidate parameter"]) -> Float[np.ndarray, "candidate chosen"]:
+        """Return points of the box for points of the unit cube; those outside end up on its border."""
+        return np.clip((unit[:, self.chosen] - self.lower) / (self.upper - self.lower), 0.0, 1.0)
+
+
+def search_box(
+    center: Float[np.ndarray, " parameter"], chosen: Sequence[int], half_width: Float[np.ndarray, " parameter"]
+) -> SearchBox:
+    """Return the box around a point that stays within the unit cube; at its border the box is shifted, not cut.
+
+    Args:
+        center: in the unit cube.
+        chosen: parameters to search.
+        half_width: of each parameter.
+    """
+    places = np.asarray(chosen, int)
+    width = np.clip(2.0 * half_width[places], NARROWEST, 1.0)
+    lower = np.clip(center[places] - width / 2.0, 0.0, 1.0 - width)
+    return SearchBox(center.copy(), places, lower, lower + width)

@@ -1,0 +1,208 @@
+"""The two stages in the surrogate, and what the paper lacks: Stage 1 measured again, and a joint polish."""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Float
+
+from jaxcalib.calibration.budget import Budget
+from jaxcalib.calibration.evaluator import Evaluator
+from jaxcalib.calibration.objective import LogEvidence, Objective
+from jaxcalib.calibration.objective_choice import choose_objective
+from jaxcalib.calibration.optimisation import Optimisation, best_of, optimise, polish, with_population
+from jaxcalib.calibration.screening import Screening, screen
+from jaxcalib.calibration.search_box import SearchBox, search_box
+from jaxcalib.calibration.search_run import CourseEntry, Judged, SearchRun
+from jaxcalib.initial_values.initial_point import InitialPoint
+from jaxcalib.measures.measure import Level
+from jaxcalib.problem import CalibrationProblem
+from jaxcalib.progress import Progress
+from jaxcalib.search import SagaConfig, TrustRegionConfig
+from jaxcalib.settings import Settings
+
+NOISE_OFFSET = 50_000  # of the seeds of runs that only measure noise
+KNOWN_WIDTHS = 3.0  # standard errors around what the logs say
+LEAST_HALF_WIDTH = 0.05  # of the unit range
+UNKNOWN_HALF_WIDTH = 0.35  # where the logs are silent
+POLISH_HALF_WIDTH = 0.3
+POLISH_RADIUS = 0.12
+DRIFT = 2.0  # standard deviations of Stage 1's misfit over its drives
+
+STAGE_1 = "stage1"
+EXPLORATION = "stage2_exploration"
+OPTIMISATION = "stage2_optimisation"
+
+
+@dataclass
+class TwoStageResult:
+    """What the search in the surrogate found.
+
+    Attributes:
+        stage_1: SOAT on the inputs.
+        exploration: SOAT and range analysis on the driver parameters.
+        saga: SAGA on the critical ones.
+        polish: joint polish of all.
+        critical: places of the critical parameters.
+        best: result in the unit cube.
+        objective: the objective at the end.
+        judged: candidates of the driver stages, for later surfaces.
+        stage_1_accuracy: flow-level accuracy of Stage 1's result, of SAGA's and of the polish's, same runs.
+        has_drifted: whether Stage 2 had undone Stage 1 beyond noise.
+        course: all rounds.
+        wall_s: time of each stage.
+    """
+
+    stage_1: Screening
+    exploration: Screening
+    saga: Optimisation
+    polish: Optimisation
+    critical: tuple[int, ...]
+    best: Float[np.ndarray, " parameter"]
+    objective: Objective
+    judged: list[Judged]
+    stage_1_accuracy: tuple[float, float, float]
+    has_drifted: bool
+    course: list[CourseEntry]
+    wall_s: dict[str, float] = field(default_factory=dict)
+
+
+def search_two_stages(
+    problem: CalibrationProblem,
+    initial: InitialPoint,
+    evaluator: Evaluator,
+    settings: Settings,
+    budget: Budget,
+    seed: int,
+    progress: Progress,
+    clock: Callable[[], float] = time.perf_counter,
+) -> TwoStageResult:
+    """Search inputs first, driver parameters second, then all together.
+
+    Args:
+        problem: the problem.
+        initial: where to begin.
+        evaluator: of the surrogate.
+        settings: the user's options.
+        budget: numbers of runs.
+        seed: of the searches' random numbers.
+        progress: told of each stage.
+        clock: for the time of each stage.
+    """
+    began = clock()
+    space, num_inputs = initial.space, problem.layout.num_inputs
+    everything = range(len(space.names))
+    start = space.unit_of(initial.values)
+    evidence = LogEvidence(start, initial.unit_error)
+    half_width = np.where(np.isfinite(initial.unit_error), KNOWN_WIDTHS * initial.unit_error, UNKNOWN_HALF_WIDTH)
+    half_width = np.clip(half_width, LEAST_HALF_WIDTH, 0.5)
+    num_runs = evaluator.rounds_of(budget.runs_per_candidate)
+
+    def objective_at(unit: Float[np.ndarray, " parameter"]) -> Objective:
+        noise_runs = evaluator.rounds_of(budget.noise_runs)
+        runs = evaluator.evaluate(space.values_of(unit[None]), noise_runs, NOISE_OFFSET).tally[0]
+        return choose_objective(problem, settings, evidence, runs[np.isfinite(runs).all(axis=1)])
+
+    progress.stage(STAGE_1)
+    objective = objective_at(start)
+    course: list[CourseEntry] = []
+    flow_run = SearchRun(evaluator, space, objective.of_level(Level.TRAFFIC), course)
+    inputs_box = search_box(start, everything[:num_inputs], half_width)
+    threshold = objective.noise_floor_accuracy
+    stage_1 = screen(flow_run, inputs_box, start, num_runs, 1, STAGE_1, threshold, literal=settings.literal)
+    wall_s = {STAGE_1: clock() - began}
+    began = clock()
+
+    progress.stage(EXPLORATION)
+    progress.best(stage_1.best_accuracy)
+    run = SearchRun(evaluator, space, objective, course)
+    drivers_box = search_box(stage_1.best, everything[num_inputs:], half_width)
+    num_critical = min(settings.num_critical, len(drivers_box.chosen))
+    exploration = screen(run, drivers_box, stage_1.best, num_runs, num_critical, EXPLORATION, threshold)
+    wall_s[EXPLORATION] = clock() - began
+    began = clock()
+
+    progress.stage(OPTIMISATION)
+    progress.best(exploration.best_accuracy)
+    run = run.with_objective(objective_at(exploration.best))
+    critical = _critical(exploration, num_critical)
+    held = _hold(exploration, stage_1.best, critical)
+    critical_box = search_box(held, critical, half_width / 2.0)
+    explored = [_again(run, exploration.cases), _again(run, exploration.proposals)]
+    seeds = np.vstack([held, exploration.best, best_of(explored, 4)])
+    config = with_population(
+        SagaConfig(accuracy_threshold=threshold, stop_at_threshold=settings.literal, literal=settings.literal),
+        budget.population_size,
+        budget.num_generations,
+    )
+    saga = optimise(run, critical_box, seeds, num_runs, config, seed, OPTIMISATION)
+    progress.best(saga.best_accuracy)
+
+    polish_runs = evaluator.rounds_of(budget.polish_runs)
+    joint_box = search_box(saga.best, everything, np.full(len(space.names), POLISH_HALF_WIDTH))
+    polished = polish(
+        run, joint_box, saga.best, polish_runs,
+        TrustRegionConfig(num_iterations=budget.polish_iterations, design="two_level", initial_radius=POLISH_RADIUS),
+        OPTIMISATION, explored,
+    )  # fmt: skip
+    candidates = np.stack([stage_1.best, saga.best, polished.best, start])
+    last = run.judge(candidates, evaluator.rounds_of(budget.noise_runs), OPTIMISATION, NOISE_OFFSET)
+    flow = run.with_objective(run.objective.of_level(Level.TRAFFIC)).rejudge(last.pooled, last.values, last.num_runs)
+    best = _winner(last, (1, 2, 3))
+    progress.best(float(last.accuracy[best]))
+    wall_s[OPTIMISATION] = clock() - began
+    return TwoStageResult(
+        stage_1=stage_1,
+        exploration=exploration,
+        saga=saga,
+        polish=polished,
+        critical=tuple(int(one) for one in critical),
+        best=last.unit[best],
+        objective=run.objective,
+        judged=[*explored, last],
+        stage_1_accuracy=tuple(float(one) for one in flow.accuracy[:3]),  # pyright: ignore[reportArgumentType]
+        has_drifted=_has_drifted(run.objective.of_level(Level.TRAFFIC), flow),
+        course=course,
+        wall_s=wall_s,
+    )
+
+
+def _critical(exploration: Screening, num_critical: int) -> np.ndarray:
+    """Return the places of the critical parameters among all."""
+    return exploration.box.chosen[exploration.ranges.critical_parameters[:num_critical]]
+
+
+def _hold(exploration: Screening, start: Float[np.ndarray, " parameter"], critical: np.ndarray) -> np.ndarray:
+    """Return the point whose critical parameters SAGA will move.
+
+    A parameter that is not critical keeps what the logs or the scenario say, unless its best level stands out from
+    noise. (The paper does not say; the best level of a parameter without effect is a random one.)
+    """
+    held = start.copy()
+    noise = exploration.ranges.noise
+    levels = exploration.box.unit_of(exploration.ranges.best_levels[None] / (exploration.array.num_levels - 1))[0]
+    for place, parameter in enumerate(exploration.box.chosen):
+        stands_out = noise is not None and not noise.is_indistinguishable[place]
+        if parameter not in critical and stands_out:
+            held[parameter] = levels[parameter]
+    return held
+
+
+def _again(run: SearchRun, judged: Judged) -> Judged:
+    return run.rejudge(judged.pooled, judged.values, judged.num_runs)
+
+
+def _winner(judged: Judged, places: tuple[int, ...]) -> int:
+    accuracy = np.nan_to_num(judged.accuracy, nan=-np.inf)
+    return max(places, key=lambda place: accuracy[place])
+
+
+def _has_drifted(objective: Objective, flow: Judged) -> bool:
+    """Return whether SAGA's result fits the flow worse than Stage 1's by more than its noise."""
+    misfit = np.sum(flow.residuals**2, axis=1)
+    noise = np.sqrt(2.0 * len(objective.moments.names))  # of a chi-square
+    return bool(misfit[1] - misfit[0] > DRIFT * noise)
+
+
+__all__ = ["EXPLORATION", "OPTIMISATION", "STAGE_1", "SearchBox", "TwoStageResult", "search_two_stages"]

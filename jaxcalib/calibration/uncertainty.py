@@ -1,0 +1,42 @@
+"""How well the data know each parameter at the result."""
+
+import numpy as np
+from jaxtyping import Float
+
+from jaxcalib.calibration.record import CalibrationRecord
+from jaxcalib.calibration.search_box import search_box
+from jaxcalib.search.response_surface import fit_response_surface
+
+HALF_WIDTH = 0.3
+LEAST_EIGENVALUE = 1e-3  # of the information; what is known less well counts as not known
+
+
+def parameter_errors(record: CalibrationRecord) -> Float[np.ndarray, " parameter"]:
+    """Return the standard error of each parameter in the unit cube; inf where the data say nothing.
+
+    Gauss-Newton: a response surface through all candidates near the result gives the sensitivity of the whitened
+    residuals, whose squares add up to the information on the parameters. Residuals are in units of their noise, field
+    and model error included, and the logs' own evidence is among them.
+
+    Source: Nocedal & Wright, Numerical Optimization, ch. 10; parameters whose profile is flat get a wide interval.
+    """
+    objective, space = record.confirmation.objective, record.initial.space
+    box = search_box(record.confirmation.best, range(len(space.names)), np.full(len(space.names), HALF_WIDTH))
+    many_runs = 1000 * record.budget.noise_runs  # the noise of the candidates' runs averages out over the surface
+    points, residuals, weights = [], [], []
+    for judged in record.found.judged:
+        at = objective.residuals(judged.unit, judged.pooled, many_runs)
+        is_near = np.abs(box.unit_of(box.box_of(judged.unit)) - judged.unit).max(axis=1) < 1e-6
+        chosen = is_near & np.isfinite(at).all(axis=1)
+        points.append(box.box_of(judged.unit)[chosen])
+        residuals.append(at[chosen])
+        weights.append(np.full((int(chosen.sum()), at.shape[1]), float(judged.num_runs)))
+    center = box.box_of(record.confirmation.best[None])[0]
+    surface = fit_response_surface(
+        np.vstack(points), np.vstack(residuals), np.vstack(weights), center, 0.5
+    )
+    jacobian = surface.slope / (surface.radius * (box.upper - box.lower))
+    information = jacobian.T @ jacobian
+    variance = np.diag(np.linalg.pinv(information, rcond=LEAST_EIGENVALUE**2, hermitian=True))
+    is_known = (np.diag(information) > 1.0) & (variance > 0.0)  # an error of more than the whole range is no knowledge
+    return np.where(is_known, np.sqrt(np.maximum(variance, 0.0)), np.inf)

@@ -1,0 +1,116 @@
+"""What a calibration returns, and result.json."""
+
+import math
+from typing import Any
+
+import msgspec
+
+FORMAT = 1
+
+
+class Interval(msgspec.Struct, frozen=True):
+    """An estimate with its bounds.
+
+    Attributes:
+        value: the value.
+        lower: lower bound of the 90 % interval; None where the data say nothing.
+        upper: upper bound.
+        at_bound: whether the value lies on a bound of its range.
+        scenario: what the scenario says.
+        initial: what the logs said before the search.
+        source: where the initial value comes from.
+        unit: SI unit; veh/h for inputs.
+    """
+
+    value: float
+    lower: float | None
+    upper: float | None
+    at_bound: bool
+    scenario: float
+    initial: float
+    source: str
+    unit: str
+
+
+class SimulationHealth(msgspec.Struct, frozen=True):
+    """What went wrong in the confirming runs, counted.
+
+    Attributes:
+        runs: runs.
+        failed: runs that failed.
+        collisions: vehicle steps in a collision.
+        teleports: vehicles that SUMO removed.
+        backlog_share: share of the demand that had not entered by the end.
+    """
+
+    runs: int
+    failed: int
+    collisions: int
+    teleports: int
+    backlog_share: float
+
+
+class CalibrationResult(msgspec.Struct, frozen=True):
+    """Result of `jaxcalib.calibrate`; the same as result.json, see docs/result.md.
+
+    Attributes:
+        parameters: "demand" by input in veh/h, "behaviour" by vType and attribute.
+        critical_parameters: driver parameters that range analysis found critical, the most critical first.
+        mops: measures of performance: field, surrogate and SUMO, by role.
+        moes: errors of Eqs. 24-36 in SUMO: no_calibration, calibrated, noise_floor, by role.
+        runs: numbers of runs.
+        wall_s: times.
+        notes: why a value is null.
+        parameter_table: each parameter with its interval.
+        vehicle_level_error: Eq. 23 with its 90 % interval, by calibration and role.
+        intervals: 90 % intervals of the errors, by calibration and role.
+        per_seed: mean over seeds of the errors of single rounds of drives.
+        noise_floor_high: 95 % quantile of the noise floor.
+        transfer: surrogate against SUMO, per measure.
+        confirmation: finalists with their accuracy in both simulators.
+        screening: what was screened and why.
+        health: collisions, teleports, backlog of the confirming runs.
+        seeds: first seeds of each kind of run.
+        timing: measured times and the ratio of speeds; not reproducible.
+        warnings: what a user should know.
+        versions: of the program and its libraries.
+    """
+
+    parameters: dict[str, Any]
+    critical_parameters: list[str]
+    mops: dict[str, dict[str, dict[str, float | None]]]
+    moes: dict[str, dict[str, dict[str, float | None]]]
+    runs: dict[str, int]
+    wall_s: dict[str, float]
+    notes: dict[str, str]
+    parameter_table: dict[str, Interval]
+    vehicle_level_error: dict[str, dict[str, Any]]
+    intervals: dict[str, Any]
+    per_seed: dict[str, Any]
+    noise_floor_high: dict[str, Any]
+    transfer: list[dict[str, Any]]
+    confirmation: dict[str, Any]
+    screening: dict[str, Any]
+    health: dict[str, SimulationHealth]
+    seeds: dict[str, int]
+    timing: dict[str, float]
+    warnings: list[str]
+    versions: dict[str, str]
+    format: int = FORMAT
+
+
+def to_json(result: CalibrationResult) -> str:
+    """Return result.json: sorted as declared, numbers that are not finite as null."""
+    plain = msgspec.to_builtins(result)
+    ordered = {"format": plain.pop("format"), **plain}
+    return msgspec.json.format(msgspec.json.encode(_finite(ordered)), indent=1).decode() + "\n"
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {str(key): _finite(one) for key, one in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(one) for one in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value

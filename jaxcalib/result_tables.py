@@ -1,0 +1,259 @@
+"""Turns what a calibration found into its result."""
+
+from importlib import metadata
+from typing import Any
+
+import numpy as np
+
+from jaxcalib.calibration.accuracy import VEHICLE_LEVEL
+from jaxcalib.calibration.final_errors import ROLES, FinalErrors, FinalRuns, final_errors
+from jaxcalib.calibration.record import CalibrationRecord
+from jaxcalib.calibration.screening import Screening
+from jaxcalib.calibration.transfer import transfer_of
+from jaxcalib.calibration.uncertainty import parameter_errors
+from jaxcalib.measures.measure import MeasureValue
+from jaxcalib.result import CalibrationResult, Interval, SimulationHealth
+from jaxcalib.run_folder import LIBRARIES
+
+NORMAL_90 = 1.645
+NEAR_BOUND = 0.005  # of the unit range
+DIGITS = 6
+SEARCH_PARTS = ("stage1", "stage2_exploration", "stage2_optimisation", "corrected_search")
+
+
+def build_result(record: CalibrationRecord) -> CalibrationResult:
+    """Return the result of a calibration."""
+    problem, space, layout = record.problem, record.initial.space, record.problem.layout
+    best = record.confirmation.best
+    values = space.values_of(best[None])[0]
+    demand = dict(zip(layout.input_ids, map(float, values), strict=False))
+    behaviour = {name: float(value) for name, value in zip(layout.attributes, values[layout.num_inputs :], strict=True)}
+    errors = {
+        "no_calibration": {role: final_errors(problem, role, record.uncalibrated[role], False) for role in ROLES},
+        "calibrated": {role: final_errors(problem, role, record.calibrated[role], True) for role in ROLES},
+    }
+    notes: dict[str, str] = {}
+    mops = _mops(record, notes)
+    return CalibrationResult(
+        parameters={"demand": demand, "behaviour": {vtype: behaviour for vtype in layout.vtypes}},
+        critical_parameters=[space.names[place] for place in record.found.critical],
+        mops=mops,
+        moes=_moes(errors, notes),
+        runs={
+            "surrogate": record.num_surrogate_runs,
+            "sumo": sum(health.runs for health in _health(record).values()),
+        },
+        wall_s=record.wall_s,
+        notes=notes,
+        parameter_table=_parameter_table(record),
+        vehicle_level_error=_vehicle_level(errors),
+        intervals=_by_role(errors, lambda one: one.interval),
+        per_seed=_by_role(errors, lambda one: one.per_seed),
+        noise_floor_high={role: one.floor_high if one else {} for role, one in errors["calibrated"].items()},
+        transfer=[
+            {"measure": one.measure, "bias": one.bias, "bias_in_noise": one.bias_in_noise,
+             "rank_correlation": one.rank_correlation}
+            for one in transfer_of(
+                record.found.objective.moments, record.found.objective.covariance, record.found.objective.num_drives,
+                record.confirmation.confirmed,
+            )
+        ],
+        confirmation={
+            "finalists": [
+                {"origin": one.origin, "accuracy_sumo": one.accuracy, "accuracy_surrogate": one.surrogate_accuracy}
+                for one in record.confirmation.finalists
+            ],
+            "winner": record.confirmation.winner,
+            "surrogate_agrees": record.confirmation.agrees,
+            "discrepancy_in_noise": record.confirmation.discrepancy.amplitude,
+            "noise_floor_accuracy": record.found.objective.noise_floor_accuracy,
+            "flow_accuracy_stage1_saga_polish": list(record.found.stage_1_accuracy),
+            "stage2_undid_stage1": record.found.has_drifted,
+        },
+        screening={
+            "stage1": _screening(record, record.found.stage_1),
+            "stage2": _screening(record, record.found.exploration),
+        },
+        health=_health(record),
+        seeds=record.search_seeds,
+        timing=_timing(record),
+        warnings=list(problem.warnings()) + _bound_warnings(record),
+        versions={"jaxcalib": metadata.version("jaxcalib")} | {name: metadata.version(name) for name in LIBRARIES},
+    )  # fmt: skip
+
+
+def _mops(record: CalibrationRecord, notes: dict[str, str]) -> dict[str, dict[str, dict[str, float | None]]]:
+    problem = record.problem
+    surrogate = record.confirmation.confirmed[record.confirmation.winner].surrogate
+    sources: dict[str, dict[str, np.ndarray | None]] = {
+        "field": {role: problem.field_of(role).sum(axis=0) for role in ROLES},
+        "surrogate": {"fit": surrogate, "held_out": None},
+        "sumo": {role: record.calibrated[role].tally.sum(axis=0) for role in ROLES},
+    }
+    notes["mops.surrogate.held_out"] = "the surrogate is not run on held-out drives"
+    return {
+        source: {
+            role: {} if tally is None else _measured(record, f"mops.{source}.{role}", tally, notes)
+            for role, tally in by_role.items()
+        }
+        for source, by_role in sources.items()
+    }
+
+
+def _measured(
+    record: CalibrationRecord, place: str, tally: np.ndarray, notes: dict[str, str]
+) -> dict[str, float | None]:
+    by_name = dict(zip(record.problem.tally_names, tally.tolist(), strict=True))
+    values: dict[str, MeasureValue] = {
+        name: measure.value(by_name) for name, measure in record.problem.measures.items()
+    }
+    notes |= {f"{place}.{name}": value.reason for name, value in values.items() if not value.is_valid}
+    return {name: _rounded(value.value) if value.is_valid else None for name, value in values.items()}
+
+
+def _moes(
+    errors: dict[str, dict[Any, FinalErrors | None]], notes: dict[str, str]
+) -> dict[str, dict[str, dict[str, float | None]]]:
+    moes: dict[str, dict[str, dict[str, float | None]]] = {}
+    for calibration, by_role in errors.items():
+        moes[calibration] = {}
+        for role, one in by_role.items():
+            moes[calibration][role] = {name: _rounded(error) for name, error in one.pooled.errors.items()} if one else {}
+            notes |= {f"moes.{calibration}.{role}.{k}": v for k, v in (one.pooled.notes.items() if one else ())}
+    moes["noise_floor"] = {
+        role: {name: _rounded(error) for name, error in one.floor.items()} if one else {}
+        for role, one in errors["calibrated"].items()
+    }
+    return moes
+
+
+def _vehicle_level(errors: dict[str, dict[Any, FinalErrors | None]]) -> dict[str, dict[str, Any]]:
+    table: dict[str, dict[str, Any]] = {}
+    for calibration, by_role in errors.items():
+        table[calibration] = {
+            role: {"value": _rounded(one.pooled.vehicle_level), "interval_90": one.interval["vehicle_level"]}
+            for role, one in by_role.items()
+            if one
+        }
+    table["noise_floor"] = {
+        role: {"value": _rounded(one.floor_vehicle_level)} for role, one in errors["calibrated"].items() if one
+    }
+    return table
+
+
+def _by_role(errors: dict[str, dict[Any, FinalErrors | None]], part: Any) -> dict[str, Any]:
+    return {
+        calibration: {role: part(one) if one else {} for role, one in by_role.items()}
+        for calibration, by_role in errors.items()
+    }
+
+
+def _parameter_table(record: CalibrationRecord) -> dict[str, Interval]:
+    space, best = record.initial.space, record.confirmation.best
+    error = parameter_errors(record)
+    low = space.values_of((best - NORMAL_90 * error)[None])[0]
+    high = space.values_of((best + NORMAL_90 * error)[None])[0]
+    values = space.values_of(best[None])[0]
+    table = {}
+    for place, name in enumerate(space.names):
+        is_known = np.isfinite(error[place])
+        table[name] = Interval(
+            value=float(values[place]),
+            lower=float(low[place]) if is_known else None,
+            upper=float(high[place]) if is_known else None,
+            at_bound=_is_at_bound(record, place),
+            scenario=float(record.initial.scenario_values[place]),
+            initial=float(record.initial.values[place]),
+            source=record.initial.source[place],
+            unit=space.ranges[place].unit,
+        )
+    return table
+
+
+def _is_at_bound(record: CalibrationRecord, place: int) -> bool:
+    return bool(min(record.confirmation.best[place], 1.0 - record.confirmation.best[place]) < NEAR_BOUND)
+
+
+def _bound_warnings(record: CalibrationRecord) -> list[str]:
+    space = record.initial.space
+    natural = {"lcCooperative", "lcCooperativeSpeed", "lcKeepRight"}  # 0 and 1 are ordinary values of these
+    return [
+        f"{name} lies at a bound of its range ({space.ranges[place].lower:g} to {space.ranges[place].upper:g} "
+        f"{space.ranges[place].unit}); widen the bounds or doubt the model."
+        for place, name in enumerate(space.names)
+        if _is_at_bound(record, place) and name not in natural
+    ]
+
+
+def _screening(record: CalibrationRecord, screening: Screening) -> dict[str, Any]:
+    names = [record.initial.space.names[place] for place in screening.box.chosen]
+    ranges, noise = screening.ranges, screening.ranges.noise
+    return {
+        "array": screening.array.name,
+        "cases_failed": int((~screening.cases.is_ok).sum()),
+        "noise_source": noise.source if noise else None,
+        "parameters": [
+            {
+                "name": names[place],
+                "range": _rounded(float(ranges.accuracy_range[place])),
+                "range_of_noise": _rounded(float(noise.null_range_quantile[place])) if noise else None,
+                "p_value": _rounded(float(noise.p_value[place])) if noise else None,
+                "stands_out": bool(noise is not None and not noise.is_indistinguishable[place]),
+                "level_means": [_rounded(float(mean)) for mean in ranges.level_mean_accuracy[place]],
+                "levels": [
+                    float(value)
+                    for value in record.initial.space.values_of(
+                        screening.box.unit_of(
+                            np.linspace(0.0, 1.0, screening.array.num_levels)[:, None]
+                            * np.ones((1, len(names)))
+                        )
+                    )[:, screening.box.chosen[place]]
+                ],
+                "aliased_with": [f"{names[i]} x {names[j]}" for i, j in ranges.aliases[place]],
+            }
+            for place in ranges.ranking
+        ],
+    }
+
+
+def _health(record: CalibrationRecord) -> dict[str, SimulationHealth]:
+    groups: dict[str, list[FinalRuns]] = {
+        "calibrated": list(record.calibrated.values()),
+        "uncalibrated": list(record.uncalibrated.values()),
+    }
+    outcomes = {name: [outcome for runs in group for outcome in runs.outcomes] for name, group in groups.items()}
+    outcomes["confirmation"] = list(record.confirmation.outcomes)
+    return {
+        name: SimulationHealth(
+            runs=len(group),
+            failed=sum(not outcome.status.is_ok for outcome in group),
+            collisions=sum(outcome.num_collisions for outcome in group),
+            teleports=sum(outcome.num_teleports for outcome in group),
+            backlog_share=_rounded(float(np.mean([outcome.backlog_share for outcome in group]))) or 0.0,
+        )
+        for name, group in outcomes.items()
+        if group
+    }
+
+
+def _timing(record: CalibrationRecord) -> dict[str, float]:
+    runs = [outcome.wall_s for outcome in record.confirmation.outcomes if outcome.status.is_ok]
+    sumo_run_s = float(np.mean(runs)) if runs else float("nan")
+    search_s = sum(record.wall_s.get(part, 0.0) for part in SEARCH_PARTS)
+    return {
+        "search_s": search_s,
+        "sumo_run_s": sumo_run_s,
+        "sumo_processes": float(record.num_sumo_processes),
+        "search_in_sumo_s": record.num_surrogate_runs * sumo_run_s / record.num_sumo_processes,
+        "speed_ratio": record.num_surrogate_runs * sumo_run_s / record.num_sumo_processes / max(search_s, 1e-9),
+    }
+
+
+def _rounded(value: float | None) -> float | None:
+    """Return a value with as many digits as mean anything; what is not finite becomes None."""
+    if value is None or not np.isfinite(value):
+        return None
+    return float(f"{value:.{DIGITS}g}")
+
+
+__all__ = ["VEHICLE_LEVEL", "build_result"]

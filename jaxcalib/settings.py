@@ -1,0 +1,47 @@
+"""Options of a calibration beyond the command line, from an optional TOML file."""
+
+import tomllib
+from pathlib import Path
+from typing import Annotated, Literal
+
+import msgspec
+from msgspec import Meta
+
+from jaxcalib.errors import CaseError, shorten
+
+
+class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Options of a calibration.
+
+    Attributes:
+        scaling_factor: delta of Eqs. 5 and 6: how far an inflow may leave its initial value.
+        bounds: own bounds by name of input or vType attribute, [lower, upper].
+        num_critical: K: how many driver parameters SAGA moves at most.
+        objective: "likelihood" weighs errors by their noise; "paper" takes the mean relative error of Eqs. 2 and 11.
+        literal: Algorithms 1 and 3 as printed, with their slips.
+    """
+
+    scaling_factor: Annotated[float, Meta(gt=0.0, lt=1.0)] = 0.2
+    bounds: dict[str, tuple[float, float]] = {}
+    num_critical: Annotated[int, Meta(ge=1, le=50)] = 10
+    objective: Literal["likelihood", "paper"] = "likelihood"
+    literal: bool = False
+
+
+def read_settings(file: Path | None) -> Settings:
+    """Return the settings of a file, or the defaults.
+
+    Raises:
+        CaseError: the file is missing or wrong.
+    """
+    if file is None:
+        return Settings()
+    try:
+        return msgspec.convert(tomllib.loads(file.read_text(encoding="utf-8")), Settings)
+    except OSError as error:
+        raise CaseError(file, "", f"expected a settings file: {shorten(error.strerror or str(error))}.") from None
+    except msgspec.ValidationError as error:
+        message, _, place = str(error).partition(" - at ")
+        raise CaseError(file, place.strip("`").removeprefix("$."), f"{shorten(message, 150)}.") from None
+    except (ValueError, RecursionError) as error:
+        raise CaseError(file, "", f"expected TOML: {shorten(str(error), 150)}.") from None
