@@ -104,15 +104,16 @@ def _calibrate(
         sumo = JournaledSumo(sumo_pool, journal)
         compiled = thread.submit(engine.prepare)  # meanwhile the logs are fitted, and SUMO runs what needs no search
 
-        def start_final(values: np.ndarray) -> dict[Role, Callable[[], FinalRuns]]:
+        def start_final(values: np.ndarray, num_held_out: int) -> dict[Role, Callable[[], FinalRuns]]:
+            counts: dict[Role, int] = {"held_out": num_held_out, "fit": plan.final_fit_runs}
             return {
                 role: start_final_runs(
-                    problem, sumo, values, role, plan.final_runs_of(role), first_seed + first, progress.sumo_runs
+                    problem, sumo, values, role, counts[role], first_seed + first, progress.sumo_runs
                 )
                 for role, first in FINAL_SEEDS.items()
             }
 
-        uncalibrated = start_final(round_values(problem.template.base_values()))
+        uncalibrated = start_final(round_values(problem.template.base_values()), plan.uncalibrated_runs)
         progress.stage("initial_values")
         with stopwatch.time("initial_values"):
             initial = find_initial_point(problem, settings.scaling_factor, settings.bounds, seed)
@@ -135,7 +136,7 @@ def _calibrate(
             )
         progress.stage("final_errors")
         with stopwatch.time("final_errors"):
-            calibrated = start_final(initial.space.values_of(confirmation.best[None])[0])
+            calibrated = start_final(initial.space.values_of(confirmation.best[None])[0], plan.final_runs)
             final = {
                 name: {role: wait() for role, wait in waiting.items()}
                 for name, waiting in (("uncalibrated", uncalibrated), ("calibrated", calibrated))

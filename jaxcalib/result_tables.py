@@ -6,11 +6,12 @@ from typing import Any
 import numpy as np
 
 from jaxcalib.calibration.accuracy import VEHICLE_LEVEL
-from jaxcalib.calibration.final_errors import ROLES, FinalErrors, FinalRuns, final_errors
+from jaxcalib.calibration.final_errors import ROLES, FinalErrors, FinalRuns, final_errors, with_outcomes
 from jaxcalib.calibration.record import CalibrationRecord
 from jaxcalib.calibration.screening import Screening
 from jaxcalib.calibration.transfer import transfer_of
 from jaxcalib.calibration.uncertainty import parameter_errors
+from jaxcalib.case import Role
 from jaxcalib.measures.measure import MeasureValue
 from jaxcalib.result import CalibrationResult, Interval, SimulationHealth
 from jaxcalib.run_folder import LIBRARIES
@@ -29,8 +30,10 @@ def build_result(record: CalibrationRecord) -> CalibrationResult:
     demand = dict(zip(layout.input_ids, map(float, values), strict=False))
     behaviour = {name: float(value) for name, value in zip(layout.attributes, values[layout.num_inputs :], strict=True)}
     errors = {
-        "no_calibration": {role: final_errors(problem, role, record.uncalibrated[role], False) for role in ROLES},
-        "calibrated": {role: final_errors(problem, role, record.calibrated[role], True) for role in ROLES},
+        "no_calibration": {role: final_errors(problem, role, record.uncalibrated[role], None) for role in ROLES},
+        "calibrated": {
+            role: final_errors(problem, role, record.calibrated[role], _floor_runs(record, role)) for role in ROLES
+        },
     }
     notes: dict[str, str] = {}
     mops = _mops(record, notes)
@@ -80,6 +83,16 @@ def build_result(record: CalibrationRecord) -> CalibrationResult:
         warnings=list(problem.warnings()) + _bound_warnings(record),
         versions={"jaxcalib": metadata.version("jaxcalib")} | {name: metadata.version(name) for name in LIBRARIES},
     )  # fmt: skip
+
+
+def _floor_runs(record: CalibrationRecord, role: Role) -> FinalRuns:
+    """Return all SUMO runs of the result on the drives of a role."""
+    runs = record.calibrated[role]
+    if role == "held_out":
+        return runs
+    values = record.initial.space.values_of(record.confirmation.best[None])[0]
+    confirming = tuple(o for o in record.confirmation.outcomes if np.array_equal(o.request.values, values))
+    return with_outcomes(record.problem, role, runs, confirming)
 
 
 def _mops(record: CalibrationRecord, notes: dict[str, str]) -> dict[str, dict[str, dict[str, float | None]]]:

@@ -19,7 +19,7 @@ from surrogate.simulate import Observer, RunPlan, RunRecord, observe_batch
 from surrogate.step import Clock
 
 RUNS_PER_DEVICE = 32  # fits the arrays of a few hundred vehicles into a core's cache
-CAPACITY_STEP = 128
+CAPACITY_STEP = 32
 MOST_OVERFULL_SHARE = 0.25  # of the runs of one call; then the room is too small, not the candidate odd
 COLLISION_STEPS_ALLOWED = 100  # 10 vehicle-seconds of overlap; SUMO goes on after a collision as well
 

@@ -14,8 +14,8 @@ RUNS_PER_CANDIDATE = 4.0
 FEWEST_RUNS = 2
 SIZE_EXPONENT = 0.5
 LARGE_RATIO = 3.0
-SEEDS_PER_HELD_OUT_DRIVE = 10  # fresh ones, for the final errors
-SEEDS_IF_LARGE = 4
+FEWEST_SEEDS = 12  # fresh ones, for the final errors on held-out drives
+SEEDS_IF_SMALL = 20
 
 
 @dataclass(frozen=True)
@@ -31,8 +31,9 @@ class Budget:
         polish_iterations: of the joint polish.
         confirmation_rounds: alternations of surrogate and SUMO.
         confirmation_runs: SUMO runs per finalist and round.
-        final_runs: SUMO runs of the result and of the uncalibrated scenario, on held-out drives each.
-        final_fit_runs: the same on the drives to fit.
+        final_runs: SUMO runs of the result on held-out drives.
+        uncalibrated_runs: SUMO runs of the scenario as it was on held-out drives.
+        final_fit_runs: SUMO runs of each of the two on the drives to fit.
         num_surrogate_runs: about so many in all, for the progress bar.
     """
 
@@ -45,17 +46,15 @@ class Budget:
     confirmation_rounds: int
     confirmation_runs: int
     final_runs: int
+    uncalibrated_runs: int
     final_fit_runs: int
     num_surrogate_runs: int
 
     @property
     def num_sumo_runs(self) -> int:
         """SUMO runs in all."""
-        return self.confirmation_rounds * self.confirmation_runs + 2 * (self.final_runs + self.final_fit_runs)
-
-    def final_runs_of(self, role: Role) -> int:
-        """Return SUMO runs of one point on the drives of a role."""
-        return self.final_fit_runs if role == "fit" else self.final_runs
+        confirming = self.confirmation_rounds * self.confirmation_runs
+        return confirming + self.final_runs + self.uncalibrated_runs + 2 * self.final_fit_runs
 
 
 def plan_budget(problem: CalibrationProblem, scale: float = 1.0) -> Budget:
@@ -70,10 +69,13 @@ def plan_budget(problem: CalibrationProblem, scale: float = 1.0) -> Budget:
     ratio = max(1.0, size / SMALL_RUN)
     is_large = ratio > LARGE_RATIO
     per_candidate = max(FEWEST_RUNS, round(RUNS_PER_CANDIDATE * scale / ratio**SIZE_EXPONENT))
-    noise_runs = max(24, round((64 if not is_large else 32) * min(scale, 4.0)))
-    polish_runs = 4 * per_candidate
+    noise_runs = max(24, round((48 if not is_large else 32) * min(scale, 4.0)))
+    polish_runs = 3 * per_candidate
     num_fit, num_held_out = len(problem.departs_s("fit")), len(problem.departs_s("held_out"))
-    seeds = max(1, round((SEEDS_IF_LARGE if is_large else SEEDS_PER_HELD_OUT_DRIVE) * min(scale, 1.0)))
+
+    def final_runs(num_seeds: int) -> int:
+        return num_held_out * max(1, round(num_seeds * min(scale, 1.0) / max(num_held_out, 1)))
+
     num_parameters = len(problem.layout.names)
     screened = sum(
         smallest_array(number).num_cases + 3 for number in (problem.layout.num_inputs, len(problem.layout.attributes))
@@ -87,8 +89,9 @@ def plan_budget(problem: CalibrationProblem, scale: float = 1.0) -> Budget:
         num_generations=generations,
         polish_iterations=1,
         confirmation_rounds=2,
-        confirmation_runs=2 * num_fit,
-        final_runs=num_held_out * seeds,
+        confirmation_runs=num_fit if is_large else 2 * num_fit,
+        final_runs=final_runs(FEWEST_SEEDS if is_large else SEEDS_IF_SMALL),
+        uncalibrated_runs=final_runs(FEWEST_SEEDS),
         final_fit_runs=num_fit,
         num_surrogate_runs=(screened + population * generations) * per_candidate
         + 2 * (num_parameters + 4) * polish_runs

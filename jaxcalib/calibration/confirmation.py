@@ -20,8 +20,7 @@ from jaxcalib.search import TrustRegionConfig
 from sim_adapters.interface import RunOutcome
 
 CONFIRMATION = "confirmation"
-HALF_WIDTH = 0.15
-RADIUS = 0.06
+RADIUS = 0.12  # of the box of known widths
 SAME_POINT = 0.01  # of the unit range; closer points are one point to drivers
 
 
@@ -125,7 +124,7 @@ def confirm(
         stop = on_search_s()
         run = run.with_objective(objective)
         best = max(finalists, key=lambda one: one.accuracy).unit
-        box = search_box(best, range(len(space.names)), np.full(len(space.names), HALF_WIDTH))
+        box = search_box(best, range(len(space.names)), found.half_width)
         config = TrustRegionConfig(num_iterations=1, design="two_level", initial_radius=RADIUS)
         polishes.append(polish(run, box, best, surrogate.rounds_of(budget.polish_runs), config, CONFIRMATION, judged))
         stop()

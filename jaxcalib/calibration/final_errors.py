@@ -97,14 +97,16 @@ def start_final_runs(
     return finish
 
 
-def final_errors(problem: CalibrationProblem, role: Role, runs: FinalRuns, with_floor: bool) -> FinalErrors | None:
+def final_errors(
+    problem: CalibrationProblem, role: Role, runs: FinalRuns, floor_runs: FinalRuns | None
+) -> FinalErrors | None:
     """Return the errors of runs against the field's drives of a role; None where it has none.
 
     Args:
         problem: the problem.
         role: drives.
         runs: runs of one point.
-        with_floor: whether to add the noise floor of these runs.
+        floor_runs: runs of that point, these and others, from which field-like sets are drawn; None for no floor.
     """
     field = problem.field_of(role)
     if not len(field) or not len(runs.tally):
@@ -112,7 +114,7 @@ def final_errors(problem: CalibrationProblem, role: Role, runs: FinalRuns, with_
     names, measures = problem.tally_names, problem.measures
     real = field.sum(axis=0)
     singles = [effectiveness(measures, names, real, one) for one in _one_run_per_drive(runs)]
-    draws = noise_floor(measures, names, runs.tally, runs.drive) if with_floor else []
+    draws = noise_floor(measures, names, floor_runs.tally, floor_runs.drive) if floor_runs else []
     return FinalErrors(
         pooled=effectiveness(measures, names, real, runs.tally.sum(axis=0)),
         per_seed=mean_errors(singles),
@@ -120,6 +122,27 @@ def final_errors(problem: CalibrationProblem, role: Role, runs: FinalRuns, with_
         floor=mean_errors(draws),
         floor_vehicle_level=float(np.mean([draw.vehicle_level for draw in draws])) if draws else float("nan"),
         floor_high={name: _quantile([draw.errors[name] for draw in draws]) for name in singles[0].errors},
+    )
+
+
+def with_outcomes(problem: CalibrationProblem, role: Role, runs: FinalRuns, more: tuple[RunOutcome, ...]) -> FinalRuns:
+    """Return runs together with other runs of the same point and drives."""
+    departs_s = problem.departs_s(role)
+    used = [outcome for outcome in more if outcome.status.is_ok]
+    places: dict[float, list[int]] = {}
+    for place, depart_s in enumerate(departs_s):
+        places.setdefault(depart_s, []).append(place)
+    seen: dict[float, int] = {}
+    drive = []
+    for outcome in used:  # drives that depart at the same time are alike; runs take them in turn
+        depart_s = outcome.request.depart_s
+        seen[depart_s] = seen.get(depart_s, -1) + 1
+        drive.append(places[depart_s][seen[depart_s] % len(places[depart_s])])
+    tally = np.asarray([outcome.observed for outcome in used], float).reshape(len(used), -1)
+    if not used:
+        return runs
+    return FinalRuns(
+        np.vstack([runs.tally, tally]), np.concatenate([runs.drive, drive]).astype(int), (*runs.outcomes, *used)
     )
 
 

@@ -12,6 +12,7 @@ from jaxcalib.measures.measure import Level, Measure
 
 FEWEST_EVENTS = 5.0  # in all drives to fit together, of what is counted per drive
 FEWEST_OBSERVATIONS = 30.0  # in all drives to fit together; fewer say nothing of a mean
+FEWEST_EFFECTIVE_DRIVES = 3.5
 # Surrogate and SUMO share their equations of motion but not every single acceleration: SUMO averages some limit cycles
 # of one step only in what vehicles do, not in how they accelerate. What depends on single steps is left out.
 SINGLE_STEP = ("acceleration_square_m2ps4", "subject_acceleration_square_m2ps4", "background_lane_change_duration_s",
@@ -112,6 +113,10 @@ def observed_moments(
     for tally in (field.sum(axis=0), per_run * simulated.sum(axis=0)):
         observations = np.where(is_per_drive, tally[moments.numerator], tally[moments.denominator])
         enough &= observations >= np.where(is_per_drive, FEWEST_EVENTS, FEWEST_OBSERVATIONS)
+    for drives in (field, simulated):  # a mean that rests on one or two drives has no noise that could be estimated
+        weight = drives[:, moments.denominator]
+        num_effective = weight.sum(axis=0) ** 2 / np.maximum((weight**2).sum(axis=0), 1e-12)
+        enough &= num_effective >= min(FEWEST_EFFECTIVE_DRIVES, 0.8 * len(drives))
     spread = np.nan_to_num(moments.influence(simulated)).std(axis=0)
     return moments.take(enough & (spread > 0.0))
 

@@ -6,11 +6,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
+from jaxcalib.calibration.screening import SHORTLIST_OFFSET, SHORTLIST_RUNS
 from jaxcalib.calibration.search_box import SearchBox
-from jaxcalib.calibration.search_run import Judged, SearchRun
+from jaxcalib.calibration.search_run import Judged, SearchRun, best_of
 from jaxcalib.search import SagaConfig, SagaInfo, TrustRegionConfig, TrustRegionInfo, saga, trust_region
 from jaxcalib.search.evaluated_points import EvaluatedPoints, append_points
 
+GENERATION_OFFSET = 1_000  # of the seeds
+NUM_SHORTLISTED = 3
 INSIDE = 1e-6  # of the unit range: values are rounded
 
 
@@ -22,11 +25,13 @@ class Optimisation:
         best: best point in the unit cube.
         best_accuracy: its accuracy as the search saw it.
         generations: what each generation or iteration reported.
+        rounds: all candidates.
     """
 
     best: Float[np.ndarray, " parameter"]
     best_accuracy: float
     generations: tuple[SagaInfo | TrustRegionInfo, ...]
+    rounds: tuple[Judged, ...]
 
 
 def optimise(
@@ -50,16 +55,23 @@ def optimise(
         stage: name for the record.
 
     Source: Algorithm 3.
+    Deviation: each generation runs on seeds of its own, and the result is the best of a shortlist that is run longer.
     """
     first = np.unique(box.box_of(initial_candidates), axis=0)[: config.population_size]
     state = saga.init(len(box.chosen), seed, first, config)
-    reports = []
+    reports: list[SagaInfo] = []
+    rounds: list[Judged] = []
     while not state.status.is_final:
-        judged = run.judge(box.unit_of(saga.ask(state)), num_runs, stage)
-        state, info = saga.tell(state, judged.accuracy, judged.is_ok)
+        offset = GENERATION_OFFSET * (len(reports) + 1)  # elites must prove themselves on the seeds of each generation
+        rounds.append(run.judge(box.unit_of(saga.ask(state)), num_runs, stage, offset))
+        state, info = saga.tell(state, rounds[-1].accuracy, rounds[-1].is_ok)
         reports.append(info)
-    best = initial_candidates[0] if state.best_candidate is None else box.unit_of(state.best_candidate[None])[0]
-    return Optimisation(best, float(state.best_accuracy), tuple(reports))
+    few = [initial_candidates[:1], best_of(rounds[-1:], NUM_SHORTLISTED)]
+    if state.best_candidate is not None:
+        few.append(box.unit_of(state.best_candidate[None]))
+    shortlist = run.shortlist(np.vstack(few), SHORTLIST_RUNS * num_runs, stage, SHORTLIST_OFFSET)
+    best = shortlist.best
+    return Optimisation(shortlist.unit[best], float(shortlist.accuracy[best]), tuple(reports), (*rounds, shortlist))
 
 
 def polish(
@@ -85,15 +97,17 @@ def polish(
     Source: not in the paper, which never measures Stage 1 again after Stage 2 has moved the driver parameters.
     """
     state = trust_region.init(box.box_of(start[None])[0], config, _evaluated(run, box, known, num_runs))
-    reports = []
+    reports: list[TrustRegionInfo] = []
+    rounds: list[Judged] = []
     while not state.status.is_final:
         judged = run.judge(box.unit_of(trust_region.ask(state)), num_runs, stage)
+        rounds.append(judged)
         residuals = np.where(judged.is_ok[:, None], judged.residuals, np.nan)
         state, info = trust_region.tell(state, residuals, np.ones(residuals.shape[1]), is_ok=judged.is_ok)
         reports.append(info)
     best = box.unit_of(state.center[None])[0]
     misfit = reports[-1].center_misfit if reports else np.nan
-    return Optimisation(best, float(misfit), tuple(reports))
+    return Optimisation(best, float(misfit), tuple(reports), tuple(rounds))
 
 
 def _evaluated(
@@ -109,14 +123,6 @@ def _evaluated(
         weights = np.full_like(residuals, judged.num_runs / num_runs)
         evaluated = append_points(evaluated, points, residuals, weights, is_counted)
     return evaluated if evaluated is not None and len(evaluated.points) else None
-
-
-def best_of(judged: Sequence[Judged], count: int) -> Float[np.ndarray, "candidate parameter"]:
-    """Return the best candidates of several rounds, best first."""
-    unit = np.vstack([one.unit for one in judged])
-    accuracy = np.concatenate([one.accuracy for one in judged])
-    order = np.argsort(-np.nan_to_num(accuracy, nan=-np.inf), kind="stable")
-    return unit[order[:count]]
 
 
 def with_population(config: SagaConfig, population_size: int, num_generations: int) -> SagaConfig:

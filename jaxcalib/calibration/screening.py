@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from jaxcalib.calibration.search_box import SearchBox
-from jaxcalib.calibration.search_run import Judged, SearchRun
+from jaxcalib.calibration.search_run import Judged, SearchRun, best_of
 from jaxcalib.search import (
     OrthogonalArray,
     RangeAnalysis,
@@ -22,6 +22,9 @@ from jaxcalib.search.response_surface import ResponseSurface, fit_response_surfa
 MOST_LEVELS = 4  # as in the paper's studies
 FEWER_LEVELS = 3  # where four would need an array of more than MOST_CASES
 MOST_CASES = 64
+NUM_SHORTLISTED = 2
+SHORTLIST_RUNS = 4  # times as many runs as for a case
+SHORTLIST_OFFSET = 20_000  # of their seeds
 
 
 @dataclass(frozen=True)
@@ -34,8 +37,9 @@ class Screening:
         soat: the search as Algorithm 1 reports it.
         ranges: range analysis.
         cases: all cases, the initial point last.
-        proposals: best level combination of the range analysis and best point of the response surface, judged.
-        best: unit-cube point of the best candidate, cases and proposals together.
+        shortlist: the best cases, the initial point, the best level combination of the range analysis and the best
+            point of the response surface, run longer on other seeds.
+        best: unit-cube point of the best of the shortlist.
         best_accuracy: its accuracy.
         surface: response of the residuals in the box.
     """
@@ -45,7 +49,7 @@ class Screening:
     soat: SoatInfo
     ranges: RangeAnalysis
     cases: Judged
-    proposals: Judged
+    shortlist: Judged
     best: Float[np.ndarray, " parameter"]
     best_accuracy: float
     surface: ResponseSurface
@@ -78,6 +82,7 @@ def screen(
     Source: Algorithms 1 and 2.
     Deviation: the best combination of levels, which the paper returns untested, is run like a case; beside it stands
         the minimum of a response surface fitted to all cases, which uses what the array measured between its levels.
+        Who wins is decided by longer runs on other seeds.
     """
     num_parameters = len(box.chosen)
     array = smallest_array(num_parameters) if array is None else array
@@ -98,12 +103,12 @@ def screen(
     )
     on_surface = levenberg_marquardt_step(surface, np.ones(surface.intercept.shape[0])).candidate
     levels = np.maximum(ranges.best_levels, 0) / (array.num_levels - 1)
-    proposals = run.judge(box.unit_of(np.stack([levels, on_surface])), num_runs, stage)
-    pool = np.vstack([cases.unit, proposals.unit])
-    accuracy = np.append(cases.accuracy, proposals.accuracy)
-    best = int(np.nanargmax(accuracy))
+    proposed = box.unit_of(np.stack([levels, on_surface, start]))
+    few = np.vstack([best_of([cases], NUM_SHORTLISTED), proposed])
+    shortlist = run.shortlist(few, SHORTLIST_RUNS * num_runs, stage, SHORTLIST_OFFSET)
+    best = shortlist.best
     return Screening(
-        box, array, info, ranges, cases, proposals, pool[best].copy(), float(accuracy[best]), surface
+        box, array, info, ranges, cases, shortlist, shortlist.unit[best].copy(), float(shortlist.accuracy[best]), surface
     )
 
 

@@ -1,5 +1,6 @@
 """What every stage needs: candidates of the unit cube in, residuals and accuracy out, and a record of all of it."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -96,6 +97,15 @@ class SearchRun:
         self.course.append(CourseEntry(stage, self.evaluator.num_runs, accuracy, float(best)))
         return judged
 
+    def shortlist(
+        self, unit: Float[np.ndarray, "candidate parameter"], num_runs: int, stage: str, offset: int
+    ) -> Judged:
+        """Run the few candidates that may win once more, longer and on other seeds.
+
+        The best of many noisy accuracies is the luckiest rather than the best, so none of them decides.
+        """
+        return self.judge(np.unique(unit, axis=0), num_runs, stage, offset)
+
     def rejudge(
         self, pooled: Float[np.ndarray, "candidate tally"], values: Float[np.ndarray, "candidate parameter"], num_runs: int
     ) -> Judged:
@@ -103,3 +113,11 @@ class SearchRun:
         unit = self.space.unit_of(values)
         residuals = self.objective.residuals(unit, pooled, num_runs)
         return Judged(unit, values, pooled, residuals, self.objective.accuracy(residuals), num_runs)
+
+
+def best_of(judged: Sequence[Judged], count: int) -> Float[np.ndarray, "candidate parameter"]:
+    """Return the best candidates of several rounds, best first."""
+    unit = np.vstack([one.unit for one in judged])
+    accuracy = np.concatenate([one.accuracy for one in judged])
+    order = np.argsort(-np.nan_to_num(accuracy, nan=-np.inf), kind="stable")
+    return unit[order[:count]]

@@ -11,10 +11,10 @@ from jaxcalib.calibration.budget import Budget
 from jaxcalib.calibration.evaluator import Evaluator
 from jaxcalib.calibration.objective import LogEvidence, Objective
 from jaxcalib.calibration.objective_choice import choose_objective
-from jaxcalib.calibration.optimisation import Optimisation, best_of, optimise, polish, with_population
+from jaxcalib.calibration.optimisation import Optimisation, optimise, polish, with_population
 from jaxcalib.calibration.screening import Screening, screen
 from jaxcalib.calibration.search_box import SearchBox, search_box
-from jaxcalib.calibration.search_run import CourseEntry, Judged, SearchRun
+from jaxcalib.calibration.search_run import CourseEntry, Judged, SearchRun, best_of
 from jaxcalib.initial_values.initial_point import InitialPoint
 from jaxcalib.measures.measure import Level
 from jaxcalib.problem import CalibrationProblem
@@ -26,8 +26,7 @@ NOISE_OFFSET = 50_000  # of the seeds of runs that only measure noise
 KNOWN_WIDTHS = 3.0  # standard errors around what the logs say
 LEAST_HALF_WIDTH = 0.05  # of the unit range
 UNKNOWN_HALF_WIDTH = 0.35  # where the logs are silent
-POLISH_HALF_WIDTH = 0.3
-POLISH_RADIUS = 0.12
+POLISH_RADIUS = 0.25  # of the box of known widths
 DRIFT = 2.0  # standard deviations of Stage 1's misfit over its drives
 
 STAGE_1 = "stage1"
@@ -50,6 +49,7 @@ class TwoStageResult:
         judged: candidates of the driver stages, for later surfaces.
         stage_1_accuracy: flow-level accuracy of Stage 1's result, of SAGA's and of the polish's, same runs.
         has_drifted: whether Stage 2 had undone Stage 1 beyond noise.
+        half_width: of the region that is searched around a point, for each parameter.
         course: all rounds.
         wall_s: time of each stage.
     """
@@ -64,6 +64,7 @@ class TwoStageResult:
     judged: list[Judged]
     stage_1_accuracy: tuple[float, float, float]
     has_drifted: bool
+    half_width: Float[np.ndarray, " parameter"]
     course: list[CourseEntry]
     wall_s: dict[str, float] = field(default_factory=dict)
 
@@ -128,9 +129,9 @@ def search_two_stages(
     run = run.with_objective(objective_at(exploration.best))
     critical = _critical(exploration, num_critical)
     held = _hold(exploration, stage_1.best, critical)
-    critical_box = search_box(held, critical, half_width / 2.0)
-    explored = [_again(run, exploration.cases), _again(run, exploration.proposals)]
-    seeds = np.vstack([held, exploration.best, best_of(explored, 4)])
+    critical_box = search_box(exploration.best, critical, half_width)
+    explored = [_again(run, exploration.cases), _again(run, exploration.shortlist)]
+    seeds = np.vstack([exploration.best, held, best_of(explored, 4)])
     config = with_population(
         SagaConfig(accuracy_threshold=threshold, stop_at_threshold=settings.literal, literal=settings.literal),
         budget.population_size,
@@ -140,11 +141,11 @@ def search_two_stages(
     progress.best(saga.best_accuracy)
 
     polish_runs = evaluator.rounds_of(budget.polish_runs)
-    joint_box = search_box(saga.best, everything, np.full(len(space.names), POLISH_HALF_WIDTH))
+    joint_box = search_box(saga.best, everything, half_width)
     polished = polish(
         run, joint_box, saga.best, polish_runs,
         TrustRegionConfig(num_iterations=budget.polish_iterations, design="two_level", initial_radius=POLISH_RADIUS),
-        OPTIMISATION, explored,
+        OPTIMISATION, [*explored, *saga.rounds],
     )  # fmt: skip
     candidates = np.stack([stage_1.best, saga.best, polished.best, start])
     last = run.judge(candidates, evaluator.rounds_of(budget.noise_runs), OPTIMISATION, NOISE_OFFSET)
@@ -160,9 +161,10 @@ def search_two_stages(
         critical=tuple(int(one) for one in critical),
         best=last.unit[best],
         objective=run.objective,
-        judged=[*explored, last],
+        judged=[*explored, *saga.rounds, *polished.rounds, last],
         stage_1_accuracy=tuple(float(one) for one in flow.accuracy[:3]),  # pyright: ignore[reportArgumentType]
         has_drifted=_has_drifted(run.objective.of_level(Level.TRAFFIC), flow),
+        half_width=half_width,
         course=course,
         wall_s=wall_s,
     )

@@ -7,7 +7,6 @@ from jaxcalib.calibration.record import CalibrationRecord
 from jaxcalib.calibration.search_box import search_box
 from jaxcalib.search.response_surface import fit_response_surface
 
-HALF_WIDTH = 0.3
 LEAST_EIGENVALUE = 1e-3  # of the information; what is known less well counts as not known
 
 
@@ -21,7 +20,7 @@ def parameter_errors(record: CalibrationRecord) -> Float[np.ndarray, " parameter
     Source: Nocedal & Wright, Numerical Optimization, ch. 10; parameters whose profile is flat get a wide interval.
     """
     objective, space = record.confirmation.objective, record.initial.space
-    box = search_box(record.confirmation.best, range(len(space.names)), np.full(len(space.names), HALF_WIDTH))
+    box = search_box(record.confirmation.best, range(len(space.names)), record.found.half_width)
     many_runs = 1000 * record.budget.noise_runs  # the noise of the candidates' runs averages out over the surface
     points, residuals, weights = [], [], []
     for judged in record.found.judged:
