@@ -1,1 +1,26 @@
-"""Calibrates SUMO traffic around automated vehicles from the logs that such a vehicle recorded."""
+"""Calibrates SUMO traffic around automated vehicles from the logs that such a vehicle recorded.
+
+import jaxcalib
+result = jaxcalib.calibrate("CASE", "RUN")
+"""
+
+from typing import Any
+
+__all__ = ["CalibrationResult", "CaseError", "calibrate"]
+
+_HOME = {
+    "CalibrationResult": "jaxcalib.result",
+    "CaseError": "jaxcalib.errors",
+    "calibrate": "jaxcalib.pipeline",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """Import what is asked for when it is asked for: JAX takes seconds to load, `--help` should not."""
+    if name not in _HOME:
+        raise AttributeError(f"module 'jaxcalib' has no attribute '{name}'")
+    from importlib import import_module
+
+    value = getattr(import_module(_HOME[name]), name)
+    globals()[name] = value
+    return value

@@ -144,7 +144,9 @@ class ParameterSpace:
 def round_values(values: np.ndarray) -> np.ndarray:
     """Return values with as many digits as results are written with."""
     values = np.asarray(values, float)
-    magnitude = np.where(values == 0, 1.0, 10.0 ** (SIGNIFICANT_DIGITS - 1 - np.floor(np.log10(np.abs(values) + 1e-300))))
+    magnitude = np.where(
+        values == 0, 1.0, 10.0 ** (SIGNIFICANT_DIGITS - 1 - np.floor(np.log10(np.abs(values) + 1e-300)))
+    )
     return np.where(values == 0, 0.0, np.round(values * magnitude) / magnitude)
 
 
@@ -192,14 +194,18 @@ def parameter_space(
         CaseError: bounds cross, or name something else.
     """
     least = np.maximum((1.0 - scaling_factor) * input_vehph, 0.0)
-    ranges = [Range(low, high, unit="veh/h") for low, high in zip(least, (1.0 + scaling_factor) * input_vehph, strict=True)]
+    ranges = [
+        Range(low, high, unit="veh/h") for low, high in zip(least, (1.0 + scaling_factor) * input_vehph, strict=True)
+    ]
     ranges += [RANGES[model][name] for name in layout.attributes]
     space = ParameterSpace(layout, tuple(ranges))
     for name, (lower, upper) in bounds.items():
         if name not in space.names:
             raise CaseError(file, f"bounds.{name}", f"expected one of {', '.join(space.names)}.")
         if not (np.isfinite([lower, upper]).all() and lower < upper):
-            raise CaseError(file, f"bounds.{name}", f"expected a lower bound below the upper one; got {lower} and {upper}.")
+            raise CaseError(
+                file, f"bounds.{name}", f"expected a lower bound below the upper one; got {lower} and {upper}."
+            )
         if space.ranges[space.index(name)].is_logarithmic and lower <= 0.0:
             raise CaseError(file, f"bounds.{name}", f"expected a lower bound above 0; got {lower}.")
         space = space.with_range(name, lower, upper)

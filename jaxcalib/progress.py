@@ -30,6 +30,13 @@ class Progress(Protocol):
 class Silent:
     """Says nothing."""
 
+    def __enter__(self) -> "Silent":
+        """Return itself."""
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        """Do nothing."""
+
     def plan(self, num_surrogate_runs: int, num_sumo_runs: int) -> None:
         """Do nothing."""
 

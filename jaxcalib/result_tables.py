@@ -72,6 +72,7 @@ def build_result(record: CalibrationRecord) -> CalibrationResult:
             "noise_floor_accuracy": record.found.objective.noise_floor_accuracy,
             "flow_accuracy_stage1_saga_polish": list(record.found.stage_1_accuracy),
             "stage2_undid_stage1": record.found.has_drifted,
+            "gradient": _gradient(record),
         },
         screening={
             "stage1": _screening(record, record.found.stage_1),
@@ -83,6 +84,20 @@ def build_result(record: CalibrationRecord) -> CalibrationResult:
         warnings=list(problem.warnings()) + _bound_warnings(record),
         versions={"jaxcalib": metadata.version("jaxcalib")} | {name: metadata.version(name) for name in LIBRARIES},
     )  # fmt: skip
+
+
+def _gradient(record: CalibrationRecord) -> dict[str, Any] | None:
+    refined = record.found.refinement
+    if refined is None:
+        return None
+    return {
+        "parameters": [
+            {"name": name, "is_usable": usable, "disagreement": _rounded(disagreement)}
+            for name, usable, disagreement in zip(refined.names, refined.is_usable, refined.disagreement, strict=True)
+        ],
+        "misfit_before": _rounded(refined.before),
+        "misfit_after": _rounded(refined.after),
+    }
 
 
 def _floor_runs(record: CalibrationRecord, role: Role) -> FinalRuns:
@@ -131,7 +146,9 @@ def _moes(
     for calibration, by_role in errors.items():
         moes[calibration] = {}
         for role, one in by_role.items():
-            moes[calibration][role] = {name: _rounded(error) for name, error in one.pooled.errors.items()} if one else {}
+            moes[calibration][role] = (
+                {name: _rounded(error) for name, error in one.pooled.errors.items()} if one else {}
+            )
             notes |= {f"moes.{calibration}.{role}.{k}": v for k, v in (one.pooled.notes.items() if one else ())}
     moes["noise_floor"] = {
         role: {name: _rounded(error) for name, error in one.floor.items()} if one else {}
@@ -217,8 +234,7 @@ def _screening(record: CalibrationRecord, screening: Screening) -> dict[str, Any
                     float(value)
                     for value in record.initial.space.values_of(
                         screening.box.unit_of(
-                            np.linspace(0.0, 1.0, screening.array.num_levels)[:, None]
-                            * np.ones((1, len(names)))
+                            np.linspace(0.0, 1.0, screening.array.num_levels)[:, None] * np.ones((1, len(names)))
                         )
                     )[:, screening.box.chosen[place]]
                 ],

@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 
 from jaxcalib.calibration.screening import smallest_array
-from jaxcalib.case import Role
 from jaxcalib.engines import expected_vehicles
 from jaxcalib.problem import CalibrationProblem
 

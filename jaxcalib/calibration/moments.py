@@ -121,9 +121,7 @@ def observed_moments(
     return moments.take(enough & (spread > 0.0))
 
 
-def noise_covariance(
-    moments: Moments, simulated: Float[np.ndarray, "run tally"]
-) -> Float[np.ndarray, "moment moment"]:
+def noise_covariance(moments: Moments, simulated: Float[np.ndarray, "run tally"]) -> Float[np.ndarray, "moment moment"]:
     """Return the covariance of the moments of one run; that of n pooled runs is an n-th of it.
 
     Source: influence of single runs (delta method for ratios of means), shrunk towards uncorrelated moments by

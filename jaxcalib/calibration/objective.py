@@ -73,7 +73,10 @@ class Objective:
     is_summed: bool = False
 
     def residuals(
-        self, unit: Float[np.ndarray, "candidate parameter"], pooled: Float[np.ndarray, "candidate tally"], num_runs: int
+        self,
+        unit: Float[np.ndarray, "candidate parameter"],
+        pooled: Float[np.ndarray, "candidate tally"],
+        num_runs: int,
     ) -> Float[np.ndarray, "candidate residual"]:
         """Return whitened residuals, simulated less field, then those of the logs' evidence.
 

@@ -110,9 +110,7 @@ def polish(
     return Optimisation(best, float(misfit), tuple(reports), tuple(rounds))
 
 
-def _evaluated(
-    run: SearchRun, box: SearchBox, known: Sequence[Judged], num_runs: int
-) -> EvaluatedPoints | None:
+def _evaluated(run: SearchRun, box: SearchBox, known: Sequence[Judged], num_runs: int) -> EvaluatedPoints | None:
     """Return earlier candidates that lie in the box, by the present objective, weighted by their runs."""
     evaluated = None
     for judged in known:

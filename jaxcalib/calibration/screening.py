@@ -108,7 +108,15 @@ def screen(
     shortlist = run.shortlist(few, SHORTLIST_RUNS * num_runs, stage, SHORTLIST_OFFSET)
     best = shortlist.best
     return Screening(
-        box, array, info, ranges, cases, shortlist, shortlist.unit[best].copy(), float(shortlist.accuracy[best]), surface
+        box,
+        array,
+        info,
+        ranges,
+        cases,
+        shortlist,
+        shortlist.unit[best].copy(),
+        float(shortlist.accuracy[best]),
+        surface,
     )
 
 

@@ -107,7 +107,10 @@ class SearchRun:
         return self.judge(np.unique(unit, axis=0), num_runs, stage, offset)
 
     def rejudge(
-        self, pooled: Float[np.ndarray, "candidate tally"], values: Float[np.ndarray, "candidate parameter"], num_runs: int
+        self,
+        pooled: Float[np.ndarray, "candidate tally"],
+        values: Float[np.ndarray, "candidate parameter"],
+        num_runs: int,
     ) -> Judged:
         """Judge candidates that have been run already, by the present objective."""
         unit = self.space.unit_of(values)

@@ -9,6 +9,8 @@ from jaxtyping import Float
 
 from jaxcalib.calibration.budget import Budget
 from jaxcalib.calibration.evaluator import Evaluator
+from jaxcalib.calibration.gradient_refinement import GradientRefinement, refine
+from jaxcalib.calibration.local_surface import local_surface
 from jaxcalib.calibration.objective import LogEvidence, Objective
 from jaxcalib.calibration.objective_choice import choose_objective
 from jaxcalib.calibration.optimisation import Optimisation, optimise, polish, with_population
@@ -43,6 +45,7 @@ class TwoStageResult:
         exploration: SOAT and range analysis on the driver parameters.
         saga: SAGA on the critical ones.
         polish: joint polish of all.
+        refinement: what gradients made of the polish's result; None where there was nothing to differentiate.
         critical: places of the critical parameters.
         best: result in the unit cube.
         objective: the objective at the end.
@@ -58,6 +61,7 @@ class TwoStageResult:
     exploration: Screening
     saga: Optimisation
     polish: Optimisation
+    refinement: GradientRefinement | None
     critical: tuple[int, ...]
     best: Float[np.ndarray, " parameter"]
     objective: Objective
@@ -147,10 +151,16 @@ def search_two_stages(
         TrustRegionConfig(num_iterations=budget.polish_iterations, design="two_level", initial_radius=POLISH_RADIUS),
         OPTIMISATION, [*explored, *saga.rounds],
     )  # fmt: skip
-    candidates = np.stack([stage_1.best, saga.best, polished.best, start])
+    known = [*explored, *saga.rounds, *polished.rounds]
+    surface = local_surface(run.objective, joint_box, known, polished.best)
+    refined = None
+    if not run.objective.is_relative:
+        refined = refine(polished.best, initial, surface, joint_box, len(run.objective.moments.names))
+    last_point = polished.best if refined is None else refined.unit
+    candidates = np.stack([stage_1.best, saga.best, polished.best, last_point, start])
     last = run.judge(candidates, evaluator.rounds_of(budget.noise_runs), OPTIMISATION, NOISE_OFFSET)
     flow = run.with_objective(run.objective.of_level(Level.TRAFFIC)).rejudge(last.pooled, last.values, last.num_runs)
-    best = _winner(last, (1, 2, 3))
+    best = _winner(last, (1, 2, 3, 4))
     progress.best(float(last.accuracy[best]))
     wall_s[OPTIMISATION] = clock() - began
     return TwoStageResult(
@@ -161,7 +171,8 @@ def search_two_stages(
         critical=tuple(int(one) for one in critical),
         best=last.unit[best],
         objective=run.objective,
-        judged=[*explored, *saga.rounds, *polished.rounds, last],
+        judged=[*known, last],
+        refinement=refined,
         stage_1_accuracy=tuple(float(one) for one in flow.accuracy[:3]),  # pyright: ignore[reportArgumentType]
         has_drifted=_has_drifted(run.objective.of_level(Level.TRAFFIC), flow),
         half_width=half_width,

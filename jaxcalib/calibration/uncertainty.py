@@ -3,9 +3,9 @@
 import numpy as np
 from jaxtyping import Float
 
+from jaxcalib.calibration.local_surface import local_surface
 from jaxcalib.calibration.record import CalibrationRecord
 from jaxcalib.calibration.search_box import search_box
-from jaxcalib.search.response_surface import fit_response_surface
 
 LEAST_EIGENVALUE = 1e-3  # of the information; what is known less well counts as not known
 
@@ -21,19 +21,7 @@ def parameter_errors(record: CalibrationRecord) -> Float[np.ndarray, " parameter
     """
     objective, space = record.confirmation.objective, record.initial.space
     box = search_box(record.confirmation.best, range(len(space.names)), record.found.half_width)
-    many_runs = 1000 * record.budget.noise_runs  # the noise of the candidates' runs averages out over the surface
-    points, residuals, weights = [], [], []
-    for judged in record.found.judged:
-        at = objective.residuals(judged.unit, judged.pooled, many_runs)
-        is_near = np.abs(box.unit_of(box.box_of(judged.unit)) - judged.unit).max(axis=1) < 1e-6
-        chosen = is_near & np.isfinite(at).all(axis=1)
-        points.append(box.box_of(judged.unit)[chosen])
-        residuals.append(at[chosen])
-        weights.append(np.full((int(chosen.sum()), at.shape[1]), float(judged.num_runs)))
-    center = box.box_of(record.confirmation.best[None])[0]
-    surface = fit_response_surface(
-        np.vstack(points), np.vstack(residuals), np.vstack(weights), center, 0.5
-    )
+    surface = local_surface(objective, box, record.found.judged, record.confirmation.best)
     jacobian = surface.slope / (surface.radius * (box.upper - box.lower))
     information = jacobian.T @ jacobian
     variance = np.diag(np.linalg.pinv(information, rcond=LEAST_EIGENVALUE**2, hermitian=True))

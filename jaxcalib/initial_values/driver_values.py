@@ -1,6 +1,6 @@
 """Driver parameters that the logs show before any traffic is simulated, each with its error."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,7 +8,7 @@ from jaxtyping import Array
 
 from jaxcalib.field_log import DriveLog
 from jaxcalib.initial_values.accepted_gaps import LOGARITHMIC_ERROR, accepted_gaps, assertiveness
-from jaxcalib.initial_values.following_fit import FollowingFit, fit_following
+from jaxcalib.initial_values.following_fit import FollowingFit, fit_following, loss_of_pairs
 from jaxcalib.initial_values.following_samples import FollowingSamples, following_samples
 from jaxcalib.parameter_space import ParameterSpace
 from sim_adapters.scenario import Scenario
@@ -35,6 +35,9 @@ class DriverEstimate:
         source: where each comes from, for the report.
         following: the fit of car-following; None where there was too little to fit.
         num_samples: moments of car-following found.
+        fitted: attributes that the pairs were fitted with.
+        replay_loss: mean loss of the pairs for values of these attributes, drivers' desired speeds held; differentiable;
+            None where there was too little to fit, or where the model does not describe the pairs.
     """
 
     values: np.ndarray
@@ -42,6 +45,8 @@ class DriverEstimate:
     source: tuple[str, ...]
     following: FollowingFit | None
     num_samples: int
+    fitted: tuple[str, ...] = ()
+    replay_loss: Callable[[Array], Array] | None = None
 
 
 def estimate_drivers(
@@ -80,7 +85,7 @@ def estimate_drivers(
             unit_error[index] = max(error, LEAST_ERROR)
             source[index] = origin
 
-    following, num_samples = None, 0
+    following, num_samples, replay_loss = None, 0, None
     fitted = [name for name in following_attributes(model) if name in attributes]
     chosen = np.asarray([num_inputs + attributes.index(name) for name in fitted], int)
     if fitted:
@@ -100,6 +105,7 @@ def estimate_drivers(
             limit = limits_at(scenario, samples)
             following = fit_following(samples, limit, model_of, np.clip(start, lower, upper), lower, upper, seed)
     if following is not None and following.explained_share >= LEAST_EXPLAINED_SHARE:
+        replay_loss = loss_of_pairs(samples, limit, model_of, following)
         slope = space.slope_of(np.concatenate([space.lower[:num_inputs], values]))[chosen]
         for index, name in enumerate(fitted):
             error = following.error[index] / abs(slope[index]) + LEAST_ERROR / following.explained_share
@@ -123,7 +129,7 @@ def estimate_drivers(
         assertive = assertiveness(accepted_gaps(drives, nominal_length_m, step_s), fitted_model.car_following, step_s)
         one = space.ranges[num_inputs + attributes.index("lcAssertive")]
         note("lcAssertive", assertive, LOGARITHMIC_ERROR / np.log(one.upper / one.lower), "accepted gaps")
-    return DriverEstimate(values, unit_error, tuple(source), following, num_samples)
+    return DriverEstimate(values, unit_error, tuple(source), following, num_samples, tuple(fitted), replay_loss)
 
 
 def limits_at(scenario: Scenario, samples: FollowingSamples) -> np.ndarray:

@@ -7,6 +7,7 @@ the bounds, because a driver who hardly reacts at all is a local optimum; a popu
 parameter end the fit, because models with thresholds (Wiedemann) have no slope there.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import jax
@@ -37,6 +38,7 @@ SCAN_WIDTH = 0.05
 SCAN_SHRINKAGE = 0.6
 JACKKNIFE_CYCLES = 5
 JACKKNIFE_WIDTH = 0.02
+GRADIENT_SAMPLES = 30_000
 FLAT_LOSS = 1e-4  # a parameter whose whole range changes the loss by less is not shown by the pairs
 
 
@@ -100,6 +102,16 @@ def fit_following(
         explained_share=float(last.explained_share),
         loss=loss,
     )
+
+
+def loss_of_pairs(
+    samples: FollowingSamples, limit_mps: np.ndarray, model_of: ModelOf, fit: FollowingFit
+) -> Callable[[Array], Array]:
+    """Return the mean loss of the pairs as a differentiable function of the parameters, desired speeds held."""
+    data = following_data(samples, limit_mps)
+    few = data.thin(GRADIENT_SAMPLES, data.num_vehicles)
+    factor = jnp.asarray(fit.speed_factor, jnp.float32)
+    return lambda theta: mean_loss(model_of(theta), factor, few, few.weight, SCALES_MPS2[-1])
 
 
 def _starts(start: np.ndarray, lower: np.ndarray, upper: np.ndarray, seed: int) -> np.ndarray:

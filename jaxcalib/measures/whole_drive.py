@@ -27,5 +27,7 @@ class WholeDriveFold:
         """Return the tallies of a drive whose frames are stacked along a leading time axis."""
         missing = -len(frames.time_s) % self._num_frames
         # zeros mean "not valid", which the fold ignores
-        filled = jax.tree.map(lambda leaf: np.concatenate([leaf, np.zeros((missing, *leaf.shape[1:]), leaf.dtype)]), frames)
+        filled = jax.tree.map(
+            lambda leaf: np.concatenate([leaf, np.zeros((missing, *leaf.shape[1:]), leaf.dtype)]), frames
+        )
         return np.asarray(self._program(filled), np.float64)

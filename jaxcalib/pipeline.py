@@ -15,8 +15,8 @@ from jaxcalib.calibration.budget import plan_budget
 from jaxcalib.calibration.confirmation import confirm
 from jaxcalib.calibration.evaluator import Evaluator
 from jaxcalib.calibration.final_errors import FinalRuns, start_final_runs
-from jaxcalib.calibration.two_stage import search_two_stages
 from jaxcalib.calibration.record import CalibrationRecord
+from jaxcalib.calibration.two_stage import search_two_stages
 from jaxcalib.case import Role
 from jaxcalib.engines import prepare_devices, sumo_engine, surrogate_engine
 from jaxcalib.initial_values.initial_point import find_initial_point
@@ -127,9 +127,7 @@ def _calibrate(
         found = search_two_stages(problem, initial, surrogate, settings, plan, seed, progress)
         for name, wall_s in found.wall_s.items():
             stopwatch.add(name, wall_s)
-        confirming = Evaluator(
-            sumo, problem.departs_s("fit"), first_seed + CONFIRMATION_SEED, progress.sumo_runs
-        )
+        confirming = Evaluator(sumo, problem.departs_s("fit"), first_seed + CONFIRMATION_SEED, progress.sumo_runs)
         with stopwatch.time("confirmation"):
             confirmation = confirm(
                 found, initial, surrogate, confirming, plan, progress, lambda: stopwatch.start("corrected_search")

@@ -1,0 +1,82 @@
+"""The command line."""
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import App, Parameter
+from cyclopts.validators import Number
+
+EXIT_CASE_WRONG = 2
+EXIT_SIMULATOR_FAILED = 3
+LOG_FILE = "simulator.log"
+
+app = App(name="jaxcalib", help="Calibrate SUMO traffic around automated vehicles from their logs.")
+
+
+@app.command
+def calibrate(
+    case: Path,
+    /,
+    *,
+    out: Path,
+    seed: Annotated[int, Parameter(validator=Number(gte=0, lte=2000))] = 0,
+    budget: Annotated[float, Parameter(validator=Number(gte=0.05, lte=100.0))] = 1.0,
+    resume: Annotated[bool, Parameter(negative="")] = False,
+    settings: Path | None = None,
+    quiet: Annotated[bool, Parameter(negative="")] = False,
+) -> int:
+    """Calibrate demand and driver behaviour of a case.
+
+    Leaves result.json, report.html and scenario/ (SUMO files with the calibrated values) in the folder given by --out.
+
+    Parameters
+    ----------
+    case
+        Folder with case.toml, the SUMO scenario and the logs.
+    out
+        Folder for the results; it must be empty or not there yet.
+    seed
+        Seed of all random numbers; the same seed gives the same result.
+    budget
+        Factor on the numbers of simulation runs: 0.5 is quick, 2 is thorough.
+    resume
+        Go on with a calibration that was stopped.
+    settings
+        TOML file with further options (docs/settings.md).
+    quiet
+        Say nothing but errors.
+    """
+    from jaxcalib.calibration.evaluator import AllRunsFailedError
+    from jaxcalib.errors import CaseError, shorten
+    from jaxcalib.pipeline import calibrate as run
+    from jaxcalib.progress import Silent
+    from jaxcalib.terminal import TerminalProgress, summary
+
+    progress = Silent() if quiet else TerminalProgress()
+    try:
+        with progress:
+            result = run(case, out, seed=seed, budget=budget, resume=resume, settings=settings, progress=progress)
+    except CaseError as error:
+        print(f"jaxcalib: {error}", file=sys.stderr)
+        return EXIT_CASE_WRONG
+    except AllRunsFailedError as error:
+        if out.is_dir():
+            (out / LOG_FILE).write_text(error.log_tail + "\n", encoding="utf-8")
+        print(f"jaxcalib: {shorten(str(error), 250)}; see {out / LOG_FILE}.", file=sys.stderr)
+        return EXIT_SIMULATOR_FAILED
+    except KeyboardInterrupt:
+        print(f"jaxcalib: stopped; go on with: jaxcalib calibrate {case} --out {out} --resume", file=sys.stderr)
+        return 130
+    if not quiet:
+        print(summary(result, out))
+    return 0
+
+
+def main() -> None:
+    """Run the command line."""
+    sys.exit(app())
+
+
+if __name__ == "__main__":
+    main()
