@@ -4,7 +4,12 @@ import jaxcalib
 result = jaxcalib.calibrate("CASE", "RUN")
 """
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from jaxcalib.errors import CaseError
+    from jaxcalib.pipeline import calibrate
+    from jaxcalib.result import CalibrationResult
 
 __all__ = ["CalibrationResult", "CaseError", "calibrate"]
 

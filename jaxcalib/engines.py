@@ -61,7 +61,7 @@ def sumo_engine(problem: CalibrationProblem, num_processes: int | None = None) -
 
 def expected_vehicles(problem: CalibrationProblem) -> int:
     """Return how many vehicles the surrogate should have room for, from the density that the field shows."""
-    pooled = dict(zip(problem.tally_names, problem.field_tally.sum(axis=0), strict=True))
+    pooled = dict(zip(problem.tally_names, problem.field_of("fit").sum(axis=0), strict=True))
     density_vehpkm = problem.measures["traffic_density_vehpkm"].value(pooled).value
     lane_km = float(problem.road.lane_m[-1]) / METRES_PER_KILOMETRE
     return int(np.ceil(SPARE_CAPACITY * density_vehpkm * lane_km)) + RAMP_VEHICLES

@@ -11,6 +11,7 @@ import time
 import zipfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -61,7 +62,7 @@ class Journal:
         keys = [key_of(engine, outcome.request) for outcome in outcomes]
         self._outcomes |= dict(zip(keys, outcomes, strict=True))
         if self._folder is not None and outcomes:
-            part = _part_of(keys, outcomes) | {"elapsed_s": np.asarray(elapsed_s)}
+            part: dict[str, Any] = _part_of(keys, outcomes) | {"elapsed_s": np.asarray(elapsed_s)}
             write_atomically(self._folder / f"part-{self._next_part:06d}.npz", lambda file: np.savez(file, **part))
             self._next_part += 1
 

@@ -1,4 +1,4 @@
-"""One call calibrates a case: initial values, two stages in the surrogate, confirmation in SUMO, errors on unseen drives."""
+"""One call calibrates a case: initial values, two stages in the surrogate, confirmation in SUMO, final errors."""
 
 import logging
 import os
@@ -135,7 +135,7 @@ def _calibrate(
         progress.stage("final_errors")
         with stopwatch.time("final_errors"):
             calibrated = start_final(initial.space.values_of(confirmation.best[None])[0], plan.final_runs)
-            final = {
+            final: dict[str, dict[Role, FinalRuns]] = {
                 name: {role: wait() for role, wait in waiting.items()}
                 for name, waiting in (("uncalibrated", uncalibrated), ("calibrated", calibrated))
             }

@@ -92,7 +92,12 @@ class CalibrationProblem:
 
     def warnings(self) -> tuple[str, ...]:
         """Return what a user should know of the inputs, one line each."""
-        return (*self.scenario.warnings, *(line for drive in self.drives for line in drive.warnings))
+        early = [drive.id for drive in self.case.drives if drive.depart_s < self.parts.scenario.warmup_s]
+        own = [f"case.toml: drives that depart within the warm-up: {', '.join(early)}."] if early else []
+        values = [self.scenario.values_of(vtype) for vtype in self.layout.vtypes]
+        if any(one[name] != values[0][name] for one in values for name in self.layout.attributes):
+            own.append("case.toml: behaviour.vtypes differ in the scenario; all get the same calibrated values.")
+        return (*own, *self.scenario.warnings, *(line for drive in self.drives for line in drive.warnings))
 
 
 def read_problem(folder: Path | str) -> CalibrationProblem:
@@ -113,6 +118,7 @@ def read_problem(folder: Path | str) -> CalibrationProblem:
         layout = _layout(parts)
         template = build_template(scenario, layout)
         _check_models(scenario, parts)
+        _check_clock(scenario, parts)
     except ScenarioError as error:
         raise CaseError(error.file, "", error.message) from None
     drives = read_drives(case, scenario.row_map)
@@ -144,6 +150,22 @@ def _layout(parts: ScenarioParts) -> ParameterLayout:
         vtypes=parts.behaviour.vtypes,
         attributes=behaviour_parameters(FILE_NAME, model, parts.behaviour.parameters),
     )
+
+
+def _check_clock(scenario: Scenario, parts: ScenarioParts) -> None:
+    step_s = parts.scenario.step_s
+    if abs(step_s - scenario.configuration.step_s) > 1e-9:
+        raise CaseError(
+            FILE_NAME,
+            "scenario.step_s",
+            f"expected the step-length of the configuration, {scenario.configuration.step_s:g}, got {step_s:g}.",
+        )
+    if abs(FRAME_INTERVAL_S / step_s - round(FRAME_INTERVAL_S / step_s)) > 1e-6:
+        raise CaseError(
+            FILE_NAME, "scenario.step_s", f"expected a whole part of {FRAME_INTERVAL_S:g} s, got {step_s:g}."
+        )
+    if scenario.configuration.begin_s != 0.0:
+        raise CaseError(parts.scenario.config_file, "begin", f"expected 0, got {scenario.configuration.begin_s:g}.")
 
 
 def _check_models(scenario: Scenario, parts: ScenarioParts) -> None:

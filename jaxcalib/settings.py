@@ -18,6 +18,7 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         bounds: own bounds by name of input or vType attribute, [lower, upper].
         num_critical: K: how many driver parameters SAGA moves at most.
         objective: "likelihood" weighs errors by their noise; "paper" takes the mean relative error of Eqs. 2 and 11.
+        accuracy_threshold: a_thre of Algorithms 1 and 3; the accuracy that the truth shows on average unless given.
         literal: Algorithms 1 and 3 as printed, with their slips.
     """
 
@@ -25,6 +26,7 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     bounds: dict[str, tuple[float, float]] = {}
     num_critical: Annotated[int, Meta(ge=1, le=50)] = 10
     objective: Literal["likelihood", "paper"] = "likelihood"
+    accuracy_threshold: Annotated[float, Meta(gt=0.0, le=1.0)] | None = None
     literal: bool = False
 
 

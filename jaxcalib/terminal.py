@@ -100,7 +100,7 @@ def summary(result: CalibrationResult, out: Path) -> str:
         lines.append(f"  {name:32s}{_percent(before)} {_percent(after)}   {_percent(floor)}")
     totals = result.vehicle_level_error
     lines.append(
-        f"  {'vehicle level (sum of %d)' % len(VEHICLE_LEVEL):32s}"
+        f"  {f'vehicle level (sum of {len(VEHICLE_LEVEL)})':32s}"
         + " ".join(_percent(totals[kind].get(role, {}).get("value")) for kind in ("no_calibration", "calibrated"))
         + f"   {_percent(totals['noise_floor'].get(role, {}).get('value'))}"
     )

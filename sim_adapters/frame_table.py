@@ -1,6 +1,7 @@
 """Builds perception frames from long tables: one row per instant and object, as logs and SUMO outputs have them."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -86,18 +87,22 @@ def stack_frames(
     most = int(count.max()) if num_instants else 0
     num_places = max(least_places, PLACES_STEP * -(-most // PLACES_STEP))
 
-    def spread(values: np.ndarray, fill: float, dtype: type) -> np.ndarray:
+    # Both return Any: frames are annotated as JAX arrays, which lets NumPy's stand in for them.
+    def each(values: np.ndarray | float, dtype: type = np.float32) -> Any:
+        return np.full(num_instants, values, dtype)
+
+    def spread(values: np.ndarray, fill: float, dtype: type) -> Any:
         table = np.full((num_instants, num_places), fill, dtype)
         table[instant, place] = values[order]
         return table
 
     return PerceptionFrame(
-        time_s=subject.time_s.astype(np.float32),
-        valid=np.ones(num_instants, bool),
-        subject_position_m=subject.position_m.astype(np.float32),
-        subject_speed_mps=subject.speed_mps.astype(np.float32),
-        subject_acceleration_mps2=subject.acceleration_mps2.astype(np.float32),
-        num_lanes=subject.num_lanes.astype(np.float32),
+        time_s=each(subject.time_s),
+        valid=each(True, bool),
+        subject_position_m=each(subject.position_m),
+        subject_speed_mps=each(subject.speed_mps),
+        subject_acceleration_mps2=each(subject.acceleration_mps2),
+        num_lanes=each(subject.num_lanes),
         object_valid=spread(np.ones(len(order), bool), False, bool),
         object_is_subject=spread(is_subject, False, bool),
         object_track=spread(track, NO_TRACK, np.int32),
@@ -105,6 +110,6 @@ def stack_frames(
         object_offset_m=spread(offset, 0.0, np.float32),
         object_speed_mps=spread(speed, 0.0, np.float32),
         object_lateral_m=spread(lateral, 0.0, np.float32),
-        ahead_m=np.full(num_instants, ahead_m, np.float32),
-        behind_m=np.full(num_instants, behind_m, np.float32),
+        ahead_m=each(ahead_m),
+        behind_m=each(behind_m),
     )

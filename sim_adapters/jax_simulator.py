@@ -192,8 +192,8 @@ def _outcome(request: RunRequest, record: RunRecord, wall_s: float) -> RunOutcom
         request=request,
         status=status,
         observed=record.observed if status.is_ok else None,
-        num_arrived=record.num_arrived,
-        num_inserted=record.num_inserted,
+        num_arrived=np.asarray(record.num_arrived),
+        num_inserted=np.asarray(record.num_inserted),
         num_collisions=int(record.num_collisions),
         wall_s=wall_s,
     )

@@ -38,13 +38,15 @@ def lay_rows(network: RouteNetwork) -> RowMap:
     row_of_lane: dict[LaneKey, int] = {}
     for track in sorted(tracks, key=lambda track: track[0].start_m - track[-1].end_m):
         begin_m, end_m = track[0].start_m - TRACK_MARGIN_M, track[-1].end_m + TRACK_MARGIN_M
-        for row, taken in enumerate(rows):
-            if all(end_m <= other_begin or begin_m >= other_end for other_begin, other_end in taken):
-                break
-        else:
-            row, taken = len(rows), []
-            rows.append(taken)
-        taken.append((track[0].start_m, track[-1].end_m))
+        free = (
+            row
+            for row, taken in enumerate(rows)
+            if all(end_m <= other_begin or begin_m >= other_end for other_begin, other_end in taken)
+        )
+        row = next(free, len(rows))
+        if row == len(rows):
+            rows.append([])
+        rows[row].append((track[0].start_m, track[-1].end_m))
         for lane in track:
             row_of_lane[lane.key] = row
     return RowMap(row_of_lane, len(rows), network)

@@ -200,10 +200,11 @@ def _refuse_merging_lanes(file: Path, lanes: dict[LaneKey, RouteLane]) -> None:
     for lane in lanes.values():
         for successor in lane.successors:
             if successor in came_from:
+                edge, index = came_from[successor]
                 raise ScenarioError(
                     file,
-                    f"lanes '{came_from[successor][0]}_{came_from[successor][1]}' and '{lane.edge}_{lane.index}' both lead "
-                    f"into '{successor[0]}_{successor[1]}': expected a lane of its own for each (an acceleration lane).",
+                    f"lanes '{edge}_{index}' and '{lane.edge}_{lane.index}' both lead into "
+                    f"'{successor[0]}_{successor[1]}': expected a lane of its own for each (an acceleration lane).",
                 )
             came_from[successor] = lane.key
 

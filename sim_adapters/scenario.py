@@ -97,6 +97,12 @@ def read_scenario(config: Path, folder: Path, subject_vehicle: str, duration_s: 
         warnings.append(f"{demand.file.name}: {len(demand.flows) - len(flows)} flows never meet the route; left out.")
     if configuration.processing.get("lanechange.duration", "0") not in ("0", "0.0"):
         warnings.append(f"{config.name}: lanechange.duration: the surrogate changes lanes within one decision.")
+    for option in ("default.action-step-length", "lanechange.overtake-right"):
+        if configuration.processing.get(option, "0").lower() not in ("0", "0.0", "false"):
+            warnings.append(f"{config.name}: {option}: the surrogate does without; SUMO confirms with it.")
+    for vtype, attributes in demand.vtypes.items():
+        if "actionStepLength" in attributes:
+            warnings.append(f"vType '{vtype}': actionStepLength: the surrogate does without; SUMO confirms with it.")
     entrances = _unique([main_edges[0], *(flow.route[0] for flow in flows)])
     destinations = _unique([main_edges[-1], *(flow.route[-1] for flow in flows)])
     routes = tuple(_whole_route(network, destination, flows) for destination in destinations)

@@ -85,8 +85,8 @@ def write_scenario(
         routes.append(element)
     demand = folder / f"demand.{name}.rou.xml"
     vtype_file = folder / f"vtypes.{name}.add.xml"
-    _write(demand, "routes", [_as_comment("routes, flows and the subject vehicle; vTypes are in the .add.xml")], routes)
-    _write(vtype_file, "additional", [_as_comment(f"{k}: {v}") for k, v in (comments or {}).items()], vtypes)
+    _write(demand, "routes", ["routes, flows and the subject vehicle; vTypes are in the .add.xml"], routes)
+    _write(vtype_file, "additional", [f"{k}: {v}" for k, v in (comments or {}).items()], vtypes)
     net = scenario.configuration.net_file
     if copy_net:
         shutil.copyfile(net, folder / net.name)
@@ -155,16 +155,12 @@ def _write_configuration(file: Path, scenario: Scenario, inputs: Mapping[str, st
     file.write_text(f"<!-- {_harmless(head)} -->\n{text}\n" if head else text + "\n", encoding="utf-8")
 
 
-def _write(file: Path, tag: str, comments: list[ET.Element], elements: list[ET.Element]) -> None:
+def _write(file: Path, tag: str, comments: list[str], elements: list[ET.Element]) -> None:
     root = ET.Element(tag)
     root.text = "\n    "
-    root.extend([*comments, *elements])
+    root.extend([*(ET.Comment(f" {_harmless(text)} ") for text in comments), *elements])
     ET.indent(root, "    ")
     file.write_text(ET.tostring(root, encoding="unicode") + "\n", encoding="utf-8")
-
-
-def _as_comment(text: str) -> ET.Element:
-    return ET.Comment(f" {_harmless(text)} ")
 
 
 def _harmless(text: str) -> str:

@@ -49,7 +49,7 @@ MODEL_DEFAULTS: dict[str, dict[str, float]] = {
     },
 }  # fmt: skip
 
-Place = Callable[[VehicleClass], Any]
+Place = Callable[[Any], Any]  # of a VehicleClass, whose models have fields of their own
 
 _COMMON: dict[str, Place] = {
     "length": lambda c: c.length_m,
@@ -188,7 +188,7 @@ def with_attribute(vehicle_class: VehicleClass, model: str, attribute: str, valu
 
 def _car_following(v: Mapping[str, Any], model: str) -> CarFollowingModel:
     if model == "W99":
-        return Wiedemann99Sumo(
+        return Wiedemann99Sumo(  # pyright: ignore[reportCallIssue]  # three common fields are properties there
             cc0_standstill_gap_m=v["minGap"],
             cc1_time_gap_s=v["cc1"],
             cc2_following_variation_m=v["cc2"],

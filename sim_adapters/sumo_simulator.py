@@ -1,4 +1,4 @@
-"""SUMO as an engine: one simulation per process, in a pool that outlives a worker that dies and kills one that hangs."""
+"""SUMO as an engine: one simulation per process, in a pool that outlives workers that die and kills those that hang."""
 
 import logging
 import multiprocessing
@@ -18,7 +18,7 @@ from sim_adapters.frame_table import ObjectTable, SubjectTable, stack_frames
 from sim_adapters.interface import ParameterLayout, RunOutcome, RunRequest, Status
 from sim_adapters.scenario import Scenario
 from sim_adapters.scenario_writer import write_scenario
-from sim_adapters.sumo_worker import SumoJob, SumoRun, give_way, run_job
+from sim_adapters.sumo_worker import SumoJob, SumoRun, begin_worker, run_job
 from surrogate.perception import PerceptionFrame
 
 log = logging.getLogger(__name__)
@@ -89,7 +89,7 @@ class SumoSimulator:
             max_workers=self.num_processes,
             max_tasks=RUNS_PER_WORKER,
             context=multiprocessing.get_context("spawn"),
-            initializer=give_way,
+            initializer=begin_worker,
         )
         self._lane_place = _lane_places(scenario)
         self._entrance_of_flow = {flow.id: scenario.entrances.index(flow.route[0]) for flow in scenario.flows}
@@ -209,7 +209,7 @@ class _Pending:
 
     def outcome(self) -> RunOutcome:
         """Wait for the run; make it again if its worker died; return what came of it."""
-        problem = ""
+        problem = tail = ""
         for attempt in range(TRIES):
             if attempt:
                 log.warning("SUMO run with seed %d failed (%s); trying it again", self._request.seed, problem)

@@ -1,7 +1,10 @@
 """One SUMO run in a process of its own: libsumo holds one simulation per process, and may take the process with it."""
 
 import csv
+import ctypes
 import os
+import signal
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 NICENESS = 10
+PR_SET_PDEATHSIG = 1  # of Linux's prctl
 
 os.environ.setdefault("LIBSUMO_AS_TRACI", "quiet")  # no warning about the version of pyarrow, which is not used here
 
@@ -77,9 +81,11 @@ class SumoRun:
     wall_s: float
 
 
-def give_way() -> None:
-    """Let the surrogate go first where both run at once."""
+def begin_worker() -> None:
+    """Let the surrogate go first where both run at once, and end with the parent, however that ends."""
     os.nice(NICENESS)
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
 
 
 class TruncatedOutputError(RuntimeError):

@@ -118,8 +118,7 @@ def rearrange(vehicles: VehicleArrays, entrants: VehicleArrays, order: Order) ->
     def gather(old: Any, new: Any, empty: Any) -> Any:
         return take(jnp.concatenate([old, new, empty]), order.source)
 
-    arranged = jax.tree.map(gather, vehicles, entrants, nobody)
-    return arranged
+    return jax.tree.map(gather, vehicles, entrants, nobody)
 
 
 __all__ = ["Moves", "Order", "new_order", "rearrange"]

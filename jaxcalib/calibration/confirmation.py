@@ -8,7 +8,7 @@ from jaxtyping import Float
 
 from jaxcalib.calibration.budget import Budget
 from jaxcalib.calibration.discrepancy import Confirmed, LearntDiscrepancy, learn_discrepancy
-from jaxcalib.calibration.evaluator import Evaluator
+from jaxcalib.calibration.evaluator import AllRunsFailedError, Evaluator
 from jaxcalib.calibration.objective import Objective
 from jaxcalib.calibration.optimisation import Optimisation, polish
 from jaxcalib.calibration.search_box import search_box
@@ -130,7 +130,9 @@ def confirm(
             break
         unit, origin = polishes[-1].best, f"corrected search {number + 1}"
     if not finalists:
-        raise RuntimeError("the search's result failed in SUMO")
+        reasons = "; ".join(sorted({outcome.status.value for outcome in outcomes if not outcome.status.is_ok}))
+        tail = next((outcome.log_tail for outcome in outcomes if outcome.log_tail), "")
+        raise AllRunsFailedError(f"the search's result failed in SUMO: {reasons}", tail)
     winner = int(np.argmax([one.accuracy for one in finalists]))
     corrected = [_corrected_accuracy(objective, one) for one in confirmed]
     return Confirmation(

@@ -1,6 +1,7 @@
 """What the surrogate's moments lack against SUMO's, learnt from the SUMO runs that were made to confirm candidates."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -58,7 +59,8 @@ class LearntDiscrepancy:
     @property
     def amplitude(self) -> float:
         """Typical size of the discrepancy in units of the field's noise."""
-        return float(np.sqrt(self.process.kernel_.k1.constant_value))
+        kernel: Any = self.process.kernel_  # a Product; scikit-learn has no annotations
+        return float(np.sqrt(kernel.k1.constant_value))
 
 
 def learn_discrepancy(
@@ -77,6 +79,11 @@ def learn_discrepancy(
     difference = np.nan_to_num(difference)  # a moment that one of them never observed says nothing
     noise = np.asarray([num_drives * (1.0 / one.sumo_runs + 1.0 / one.surrogate_runs) for one in confirmed])
     kernel = ConstantKernel(1.0, AMPLITUDE_BOUNDS) * RBF(LENGTH_SCALE, "fixed")
-    process = GaussianProcessRegressor(kernel, alpha=noise, normalize_y=False, random_state=0)
+    process = GaussianProcessRegressor(
+        kernel,
+        alpha=noise,  # pyright: ignore[reportArgumentType]  # one per point is allowed too
+        normalize_y=False,
+        random_state=0,
+    )
     process.fit(np.stack([one.unit for one in confirmed]), difference)
     return LearntDiscrepancy(process, deviation, confirmed[-1].unit)

@@ -2,9 +2,9 @@
 
 A closed-loop run is not smooth: a lane change happens or not. But two parts of what is minimised are: the response
 surface of the moments, and the open-loop replay of the leader-follower pairs, which knows car-following far better than
-the moments do. Their sum is minimised here with Adam; the replay is weighed so that its curvature agrees with the errors
-that the jackknife over drives found. A parameter whose derivative by automatic differentiation differs from central
-differences keeps its value: models with thresholds (Wiedemann) have such.
+the moments do. Their sum is minimised here with Adam; the replay is weighed so that its curvature agrees with the
+errors that the jackknife over drives found. A parameter whose derivative by automatic differentiation differs from
+central differences keeps its value: models with thresholds (Wiedemann) have such.
 """
 
 from collections.abc import Callable
@@ -112,12 +112,15 @@ def refine(
     )
 
 
+Carry = tuple[Array, optax.OptState, Array, Array]
+
+
 def _descend(misfit: Callable[[Array], Array], start: Array, moves: Array) -> Array:
     """Return the best point on Adam's way down, within the unit cube."""
     optimiser = optax.adam(optax.cosine_decay_schedule(STEP_SIZE, NUM_STEPS))
     value_and_slope = jax.value_and_grad(misfit)
 
-    def step(carry: tuple[Array, optax.OptState, Array, Array], _: None) -> tuple[tuple[Array, ...], None]:
+    def step(carry: Carry, _: None) -> tuple[Carry, None]:
         unit, state, best, least = carry
         value, slope = value_and_slope(unit)
         is_best = value < least

@@ -91,7 +91,9 @@ class Objective:
         if self.discrepancy is not None:
             simulated = simulated + self.discrepancy.predict(unit)
         if self.is_relative:
-            return np.nan_to_num((simulated - self.field) / self.field, nan=NEVER_SHOWN)
+            has_failed = ~np.isfinite(pooled).any(axis=1, keepdims=True)
+            errors = np.nan_to_num((simulated - self.field) / self.field, nan=NEVER_SHOWN)
+            return np.where(has_failed, np.nan, errors)
         factor = np.linalg.cholesky(self.variance(num_runs))
         whitened = np.linalg.solve(factor, (simulated - self.field).T).T
         return np.concatenate([whitened, self.evidence.residuals(unit)], axis=1)

@@ -1,4 +1,4 @@
-"""SOAT with range analysis on one box: all cases of an orthogonal array, and what follows from them (Algorithms 1, 2)."""
+"""SOAT with range analysis on one box: all cases of an orthogonal array and what follows from them (Alg. 1, 2)."""
 
 from dataclasses import dataclass
 
@@ -106,7 +106,10 @@ def screen(
     proposed = box.unit_of(np.stack([levels, on_surface, start]))
     few = np.vstack([best_of([cases], NUM_SHORTLISTED), proposed])
     shortlist = run.shortlist(few, SHORTLIST_RUNS * num_runs, stage, SHORTLIST_OFFSET)
-    best = shortlist.best
+    if literal and info.best_candidate is not None:  # Algorithm 1 returns the luckiest case, unseen since
+        winner, accuracy = box.unit_of(info.best_candidate[None])[0], info.best_accuracy
+    else:
+        winner, accuracy = shortlist.unit[shortlist.best].copy(), float(shortlist.accuracy[shortlist.best])
     return Screening(
         box,
         array,
@@ -114,8 +117,8 @@ def screen(
         ranges,
         cases,
         shortlist,
-        shortlist.unit[best].copy(),
-        float(shortlist.accuracy[best]),
+        winner,
+        accuracy,
         surface,
     )
 

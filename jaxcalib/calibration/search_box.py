@@ -37,7 +37,9 @@ class SearchBox:
 
 
 def search_box(
-    center: Float[np.ndarray, " parameter"], chosen: Sequence[int], half_width: Float[np.ndarray, " parameter"]
+    center: Float[np.ndarray, " parameter"],
+    chosen: Sequence[int] | Int[np.ndarray, " chosen"],
+    half_width: Float[np.ndarray, " parameter"],
 ) -> SearchBox:
     """Return the box around a point that stays within the unit cube; at its border the box is shifted, not cut.
 

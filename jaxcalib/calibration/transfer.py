@@ -50,7 +50,7 @@ def transfer_of(
             bias = np.median(ours / theirs - 1.0)
         correlation = None
         if len(confirmed) >= FEWEST_POINTS and np.ptp(ours) > 0.0 and np.ptp(theirs) > 0.0:
-            correlation = float(spearmanr(ours, theirs).statistic)
+            correlation = float(np.asarray(spearmanr(ours, theirs))[0])
         rows.append(
             Transfer(
                 name,

@@ -114,7 +114,7 @@ def search_two_stages(
     course: list[CourseEntry] = []
     flow_run = SearchRun(evaluator, space, objective.of_level(Level.TRAFFIC), course)
     inputs_box = search_box(start, everything[:num_inputs], half_width)
-    threshold = objective.noise_floor_accuracy
+    threshold = settings.accuracy_threshold or objective.noise_floor_accuracy
     stage_1 = screen(flow_run, inputs_box, start, num_runs, 1, STAGE_1, threshold, literal=settings.literal)
     wall_s = {STAGE_1: clock() - began}
     began = clock()
@@ -133,9 +133,9 @@ def search_two_stages(
     run = run.with_objective(objective_at(exploration.best))
     critical = _critical(exploration, num_critical)
     held = _hold(exploration, stage_1.best, critical)
-    critical_box = search_box(exploration.best, critical, half_width)
+    critical_box = search_box(held, critical, half_width)
     explored = [_again(run, exploration.cases), _again(run, exploration.shortlist)]
-    seeds = np.vstack([exploration.best, held, best_of(explored, 4)])
+    seeds = np.vstack([held, start, best_of(explored, 4)])
     config = with_population(
         SagaConfig(accuracy_threshold=threshold, stop_at_threshold=settings.literal, literal=settings.literal),
         budget.population_size,
@@ -187,12 +187,13 @@ def _critical(exploration: Screening, num_critical: int) -> np.ndarray:
 
 
 def _hold(exploration: Screening, start: Float[np.ndarray, " parameter"], critical: np.ndarray) -> np.ndarray:
-    """Return the point whose critical parameters SAGA will move.
+    """Return the point whose critical parameters SAGA will move: they begin where the exploration ended.
 
     A parameter that is not critical keeps what the logs or the scenario say, unless its best level stands out from
     noise. (The paper does not say; the best level of a parameter without effect is a random one.)
     """
     held = start.copy()
+    held[critical] = exploration.best[critical]
     noise = exploration.ranges.noise
     levels = exploration.box.unit_of(exploration.ranges.best_levels[None] / (exploration.array.num_levels - 1))[0]
     for place, parameter in enumerate(exploration.box.chosen):
@@ -213,6 +214,8 @@ def _winner(judged: Judged, places: tuple[int, ...]) -> int:
 
 def _has_drifted(objective: Objective, flow: Judged) -> bool:
     """Return whether SAGA's result fits the flow worse than Stage 1's by more than its noise."""
+    if objective.is_relative:
+        return bool(flow.accuracy[0] - flow.accuracy[1] > DRIFT * objective.relative_noise)
     misfit = np.sum(flow.residuals**2, axis=1)
     noise = np.sqrt(2.0 * len(objective.moments.names))  # of a chi-square
     return bool(misfit[1] - misfit[0] > DRIFT * noise)

@@ -20,6 +20,8 @@ def parameter_errors(record: CalibrationRecord) -> Float[np.ndarray, " parameter
     Source: Nocedal & Wright, Numerical Optimization, ch. 10; parameters whose profile is flat get a wide interval.
     """
     objective, space = record.confirmation.objective, record.initial.space
+    if objective.is_relative:  # relative errors have no noise that an error could follow from
+        return np.full(len(space.names), np.inf)
     box = search_box(record.confirmation.best, range(len(space.names)), record.found.half_width)
     surface = local_surface(objective, box, record.found.judged, record.confirmation.best)
     jacobian = surface.slope / (surface.radius * (box.upper - box.lower))

@@ -36,8 +36,8 @@ class DriverEstimate:
         following: the fit of car-following; None where there was too little to fit.
         num_samples: moments of car-following found.
         fitted: attributes that the pairs were fitted with.
-        replay_loss: mean loss of the pairs for values of these attributes, drivers' desired speeds held; differentiable;
-            None where there was too little to fit, or where the model does not describe the pairs.
+        replay_loss: mean loss of the pairs for values of these attributes, drivers' desired speeds held;
+            differentiable; None where there was too little to fit, or where the model does not describe the pairs.
     """
 
     values: np.ndarray
@@ -104,8 +104,9 @@ def estimate_drivers(
             lower, upper = space.lower[chosen], space.upper[chosen]
             limit = limits_at(scenario, samples)
             following = fit_following(samples, limit, model_of, np.clip(start, lower, upper), lower, upper, seed)
-    if following is not None and following.explained_share >= LEAST_EXPLAINED_SHARE:
-        replay_loss = loss_of_pairs(samples, limit, model_of, following)
+            if following.explained_share >= LEAST_EXPLAINED_SHARE:
+                replay_loss = loss_of_pairs(samples, limit, model_of, following)
+    if following is not None and replay_loss is not None:
         slope = space.slope_of(np.concatenate([space.lower[:num_inputs], values]))[chosen]
         for index, name in enumerate(fitted):
             error = following.error[index] / abs(slope[index]) + LEAST_ERROR / following.explained_share

@@ -170,7 +170,8 @@ def _population_search(
     first = np.clip(np.where(is_far, far, near), lower, upper)
     first[0] = around
     found = differential_evolution(
-        evaluate, list(zip(lower, upper, strict=True)), init=first, maxiter=GENERATIONS, vectorized=True,
+        evaluate, list(zip(lower, upper, strict=True)), maxiter=GENERATIONS, vectorized=True,
+        init=first,  # pyright: ignore[reportArgumentType]  # an array is allowed too
         updating="deferred", polish=False, tol=1e-9, rng=rng,
     )  # fmt: skip
     return found.x

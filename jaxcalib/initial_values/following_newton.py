@@ -81,10 +81,12 @@ def anneal(
     step: Callable[[Theta, Array, Array], NewtonStep], theta: Theta, factor: Array, scales: Sequence[float]
 ) -> NewtonStep:
     """Return where steps lead as the scale shrinks (graduated non-convexity)."""
+    moved = None
     for scale in scales:
         for _ in range(STEPS_PER_SCALE):
             moved = step(theta, factor, jnp.asarray(scale, jnp.float32))
             theta, factor = moved.theta, moved.factor
+    assert moved is not None
     return moved
 
 

@@ -74,7 +74,7 @@ class DriveTally(eqx.Module):
         tally = jnp.where(frame.valid, self._vector(counted), 0.0)
         sums = jnp.stack([per_track[name] for name in self.track_names], axis=-1)
         return DriveState(
-            previous_s=jnp.where(frame.valid, frame.time_s, state.previous_s),
+            previous_s=jnp.where(frame.valid, frame.time_s, -jnp.inf),  # nothing happens across a gap in a log
             memory=remember(state.memory, scene),
             track_sums=state.track_sums.at[scene.slot].add(sums, mode="promise_in_bounds"),
             tally=state.tally + tally,

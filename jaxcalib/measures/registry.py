@@ -1,5 +1,7 @@
 """Every measure of the library, by name (Tables 2 and 3)."""
 
+from itertools import pairwise
+
 from jaxcalib.measures.car_following import HEADWAY_BORDER_S, SPEED_BORDER_MPS
 from jaxcalib.measures.lane_change import TARGET_GAP_BORDER_M
 from jaxcalib.measures.measure import Deviation, Level, Measure, Percentile
@@ -142,7 +144,7 @@ def _following(actor: str) -> list[Measure]:
                 share=share,
             )
         )
-    for index, (low, high) in enumerate(zip(HEADWAY_BORDER_S[:-1], HEADWAY_BORDER_S[1:], strict=True)):
+    for index, (low, high) in enumerate(pairwise(HEADWAY_BORDER_S)):
         measures.append(
             Measure(
                 f"{actor}_time_headway_share_{low:g}_{high:g}_s",
@@ -234,7 +236,7 @@ def _lane_changes(actor: str) -> list[Measure]:
             borders=TARGET_GAP_BORDER_M,
         ),
     ]
-    for index, (low, high) in enumerate(zip(TARGET_GAP_BORDER_M[:-1], TARGET_GAP_BORDER_M[1:], strict=True)):
+    for index, (low, high) in enumerate(pairwise(TARGET_GAP_BORDER_M)):
         measures.append(
             Measure(
                 f"{actor}_target_gap_share_{low:g}_{high:g}_m",

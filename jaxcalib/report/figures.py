@@ -2,6 +2,7 @@
 
 import io
 from collections.abc import Sequence
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -12,7 +13,7 @@ from jaxcalib.calibration.record import CalibrationRecord
 from jaxcalib.result import CalibrationResult
 
 BEFORE, AFTER, FIELD, NOISE = "#c0504d", "#1f6fb4", "#222222", "#d9d9d9"
-STYLE = {"svg.hashsalt": "jaxcalib", "svg.fonttype": "none", "font.size": 9.0, "axes.spines.top": False,
+STYLE: dict[Any, Any] = {"svg.hashsalt": "jaxcalib", "svg.fonttype": "none", "font.size": 9.0, "axes.spines.top": False,
          "axes.spines.right": False, "axes.titlesize": 10.0, "font.family": "sans-serif"}  # fmt: skip
 
 

@@ -69,8 +69,8 @@ def _drift(result: CalibrationResult) -> str:
     stage_1, saga, polished = result.confirmation["flow_accuracy_stage1_saga_polish"]
     undid = result.confirmation["stage2_undid_stage1"]
     return (
-        f"Accuracy of the traffic flow after Stage 1: {stage_1:.3f}, after Stage 2: {saga:.3f}, after the joint polish: "
-        f"{polished:.3f}. Stage 2 {'has' if undid else 'has not'} undone Stage 1 beyond noise."
+        f"Accuracy of the traffic flow after Stage 1: {stage_1:.3f}, after Stage 2: {saga:.3f}, after the joint "
+        f"polish: {polished:.3f}. Stage 2 {'has' if undid else 'has not'} undone Stage 1 beyond noise."
     )
 
 

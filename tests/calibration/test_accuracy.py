@@ -1,0 +1,61 @@
+import numpy as np
+import pytest
+
+from jaxcalib.calibration.accuracy import (
+    MEASURE_OF,
+    VEHICLE_LEVEL,
+    cut_in_error,
+    effectiveness,
+    mean_errors,
+    noise_floor,
+)
+from jaxcalib.measures.measure import Level, Measure
+
+MEASURES = {name: Measure(name, "", Level.VEHICLE, f"{name}.sum", f"{name}.count") for name in set(MEASURE_OF.values())}
+NAMES = tuple(f"{name}.{part}" for name in MEASURES for part in ("sum", "count"))
+
+
+def tally(values: dict[str, float], default: float = 3.0) -> np.ndarray:
+    """Return tallies of one observation of each measure; none of those whose value is nan."""
+    pairs = [(values.get(name, default), 1.0) for name in MEASURES]
+    return np.asarray([part for value, count in pairs for part in ((0.0, 0.0) if np.isnan(value) else (value, count))])
+
+
+def test_relative_errors_and_their_sum():
+    field = tally({"subject_time_headway_s": 2.0, "cut_ins_per_drive": 6.0})
+    simulated = tally({"subject_time_headway_s": 2.3, "traffic_speed_mps": 2.7, "cut_ins_per_drive": 7.5})
+    found = effectiveness(MEASURES, NAMES, field, simulated)
+    assert found.errors["subject_time_headway"] == pytest.approx(0.15)
+    assert found.errors["traffic_speed"] == pytest.approx(0.1)
+    assert found.errors["cut_ins"] == pytest.approx(1.5 / 3.0)  # half of the field's six is the upper bound
+    assert found.vehicle_level == pytest.approx(0.15 + 0.5)
+
+
+def test_what_the_field_never_shows_is_left_out_and_says_so():
+    found = effectiveness(MEASURES, NAMES, tally({"subject_target_gap_m": np.nan}), tally({}))
+    assert found.errors["subject_lane_change_distance"] is None
+    assert "never observed" in found.notes["subject_lane_change_distance"]
+
+
+def test_what_only_the_simulation_never_shows_is_an_error_of_one():
+    found = effectiveness(MEASURES, NAMES, tally({}), tally({"subject_target_gap_m": np.nan}))
+    assert found.errors["subject_lane_change_distance"] == 1.0
+
+
+@pytest.mark.parametrize(
+    ("field", "simulated", "error"), [(0.0, 0.0, 0.0), (0.0, 0.4, 0.4), (1.2, 3.2, 1.0), (8.0, 7.0, 0.25)]
+)
+def test_cut_in_error_has_a_bound_of_at_least_one(field: float, simulated: float, error: float):
+    assert cut_in_error(field, simulated) == pytest.approx(error)
+
+
+def test_noise_floor_is_zero_without_noise_and_grows_with_it():
+    drive = np.arange(12) % 3
+    same = np.stack([tally({}) for _ in range(12)])
+    errors = mean_errors(noise_floor(MEASURES, NAMES, same, drive, 20))
+    assert all(errors[name] == 0.0 for name in VEHICLE_LEVEL)
+    rng = np.random.default_rng(4)
+    noisy = np.stack([tally({"traffic_speed_mps": 3.0 + 0.3 * rng.standard_normal()}) for _ in range(12)])
+    floor = mean_errors(noise_floor(MEASURES, NAMES, noisy, drive, 50))["traffic_speed"]
+    assert floor is not None
+    assert 0.02 < floor < 0.12  # mean absolute error of a mean of 3 with a deviation of 10 % is about 5 %

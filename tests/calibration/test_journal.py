@@ -1,0 +1,72 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from jaxcalib.journal import Journal, write_atomically
+from sim_adapters.interface import RunOutcome, RunRequest, Status
+
+
+def outcome(seed: int, status: Status = Status.OK) -> RunOutcome:
+    observed = np.asarray([0.1 * seed, np.pi, -3.0], np.float32) if status.is_ok else None
+    request = RunRequest((1234.5, 0.1 + seed / 3.0), seed, 320.0)
+    return RunOutcome(
+        request, status, observed, np.asarray([7, 2]), np.asarray([6, 2]), 3, 1, 99, 0.25, "" if status.is_ok else "end"
+    )
+
+
+def test_what_was_added_is_found_again_bit_for_bit(tmp_path: Path):
+    made = [outcome(1), outcome(2, Status.FAILED), outcome(3)]
+    Journal(tmp_path / "journal").add("surrogate", made, 1.5)
+    again = Journal(tmp_path / "journal")
+    assert again.served_s == 1.5
+    for one in made:
+        found = again.find("surrogate", one.request)
+        assert found is not None
+        assert found.status is one.status
+        assert found.request == one.request
+        assert found.log_tail == one.log_tail
+        if one.observed is None:
+            assert found.observed is None
+        else:
+            assert np.array_equal(found.observed, one.observed)
+    assert again.find("sumo", made[0].request) is None
+
+
+def test_a_damaged_part_is_dropped_and_the_others_stay(tmp_path: Path):
+    journal = Journal(tmp_path / "journal")
+    journal.add("sumo", [outcome(1)], 1.0)
+    journal.add("sumo", [outcome(2)], 1.0)
+    first, second = sorted((tmp_path / "journal").glob("part-*.npz"))
+    content = first.read_bytes()
+    first.write_bytes(content[: len(content) // 2])
+    again = Journal(tmp_path / "journal")
+    assert again.find("sumo", outcome(1).request) is None
+    assert again.find("sumo", outcome(2).request) is not None
+    assert not first.exists()
+    assert second.exists()
+
+
+@pytest.mark.parametrize("part", range(12))
+def test_a_flipped_byte_is_never_a_wrong_number(tmp_path: Path, part: int):
+    journal = Journal(tmp_path / "journal")
+    journal.add("sumo", [outcome(1)], 1.0)
+    (file,) = (tmp_path / "journal").glob("part-*.npz")
+    content = bytearray(file.read_bytes())
+    content[len(content) * part // 12] ^= 0x10
+    file.write_bytes(bytes(content))
+    found = Journal(tmp_path / "journal").find("sumo", outcome(1).request)
+    assert found is None or np.array_equal(found.observed, outcome(1).observed)
+
+
+def test_a_write_that_breaks_off_leaves_what_was_there(tmp_path: Path):
+    file = tmp_path / "result.json"
+    file.write_text("old")
+
+    def breaks_off(stream) -> None:
+        stream.write(b"half")
+        raise OSError("disk full")
+
+    with pytest.raises(OSError, match="disk full"):
+        write_atomically(file, breaks_off)
+    assert file.read_text() == "old"

@@ -1,0 +1,103 @@
+import numpy as np
+import pytest
+from toy import NOISE, OFFSET, RESPONSE, SPACE, TRUTH, tallies, toy_moments, toy_objective
+
+from jaxcalib.calibration.discrepancy import Confirmed, learn_discrepancy
+from jaxcalib.calibration.moments import Moments, noise_covariance, observed_moments
+from jaxcalib.calibration.objective import MODEL_ERROR, LogEvidence, Objective
+from jaxcalib.measures.measure import Level
+
+
+def ratio_tallies(num_runs: int, seed: int) -> np.ndarray:
+    """Return two ratios whose denominators vary between runs, and the number of drives."""
+    rng = np.random.default_rng(seed)
+    below = rng.uniform(50.0, 150.0, (num_runs, 2))
+    above = below * (np.asarray([2.0, 0.5]) + 0.2 * rng.standard_normal((num_runs, 2)))
+    return np.hstack([above, below, np.ones((num_runs, 1))])
+
+
+def two_ratios() -> Moments:
+    return Moments(("a", "b"), (Level.TRAFFIC,) * 2, np.asarray([0, 1]), np.asarray([2, 3]), np.asarray([1.0, 3.6]), 4)
+
+
+def test_noise_of_pooled_ratios_agrees_with_their_scatter():
+    moments = two_ratios()
+    pooled = np.stack([moments.values(ratio_tallies(16, seed).sum(axis=0)) for seed in range(400)])
+    covariance = noise_covariance(moments, ratio_tallies(4000, 999)) / 16
+    assert np.sqrt(np.diag(covariance)) == pytest.approx(pooled.std(axis=0), rel=0.1)
+
+
+def test_influences_add_up_to_nothing_and_a_moment_without_observations_is_nan():
+    runs = ratio_tallies(7, 3)
+    assert two_ratios().influence(runs).sum(axis=0) == pytest.approx([0.0, 0.0], abs=1e-9)
+    runs[:, 2] = 0.0
+    assert np.isnan(two_ratios().values(runs.sum(axis=0))[0])
+
+
+def test_a_moment_that_rests_on_one_drive_is_left_out():
+    field, simulated = ratio_tallies(8, 1), ratio_tallies(32, 2)
+    field[1:, 3] = 0.01
+    assert observed_moments(two_ratios(), field, simulated).names == ("a",)
+
+
+def test_truth_shows_residuals_as_large_as_their_noise():
+    squares = []
+    for seed in range(300):
+        field = np.mean([tallies(TRUTH, 10_000 + 50 * seed + drive) for drive in range(8)], axis=0)
+        objective = Objective(
+            toy_moments(), toy_moments().values(field), np.diag(NOISE**2), 8,
+            LogEvidence(np.full(3, 0.5), np.full(3, np.inf)),
+        )  # fmt: skip
+        simulated = np.mean([tallies(TRUTH, 90_000 + 50 * seed + run) for run in range(16)], axis=0)
+        squares.append(np.mean(objective.residuals(TRUTH[None], simulated[None], 16) ** 2))
+    noise, value = NOISE**2 * (1 / 8 + 1 / 16), OFFSET + RESPONSE @ TRUTH
+    expected = np.mean(noise / (noise + (MODEL_ERROR * value) ** 2))  # 1, but for the model error beside the noise
+    assert np.mean(squares) == pytest.approx(expected, rel=0.12)
+
+
+def test_evidence_of_the_logs_counts_in_its_own_errors():
+    evidence = LogEvidence(np.asarray([0.5, 0.6, 0.5]), np.asarray([np.inf, 0.05, 0.1]))
+    objective = toy_objective(evidence)
+    unit = np.asarray([[0.2, 0.7, 0.3]])
+    residuals = objective.residuals(unit, tallies(unit[0], 1)[None], 8)
+    assert residuals.shape == (1, 4 + 2)
+    assert residuals[0, 4:] == pytest.approx([2.0, -2.0])
+
+
+def test_relative_objective_is_the_mean_or_the_printed_sum_of_relative_errors():
+    simulated = tallies(TRUTH, 1)
+    for is_summed in (False, True):
+        objective = Objective(
+            toy_moments(), OFFSET, np.diag(NOISE**2), 8, LogEvidence(TRUTH, np.full(3, np.inf)),
+            is_relative=True, is_summed=is_summed,
+        )  # fmt: skip
+        errors = np.abs(toy_moments().values(simulated) - OFFSET) / OFFSET
+        expected = 1.0 - (errors.sum() if is_summed else errors.mean())
+        residuals = objective.residuals(TRUTH[None], simulated[None], 1)
+        assert objective.accuracy(residuals)[0] == pytest.approx(expected)
+
+
+def test_a_planted_discrepancy_is_learnt_and_noise_is_not_taken_for_one():
+    rng = np.random.default_rng(8)
+    units = rng.uniform(0.2, 0.8, (4, 3))
+
+    def confirmed(bias: float) -> list[Confirmed]:
+        pairs = []
+        for number, unit in enumerate(units):
+            sumo = np.mean([tallies(unit, 100 * number + run) for run in range(16)], axis=0)
+            ours = np.mean([tallies(unit, 5000 + 100 * number + run) for run in range(64)], axis=0)
+            sumo[0] += bias * NOISE[0] * 100.0
+            pairs.append(Confirmed(unit, ours, 64, sumo, 16))
+        return pairs
+
+    moments, covariance = toy_moments(), np.diag(NOISE**2)
+    biased = learn_discrepancy(moments, covariance, 8, confirmed(3.0))
+    assert biased.predict(units[:1])[0, 0] == pytest.approx(3.0 * NOISE[0], rel=0.3)
+    nothing = learn_discrepancy(moments, covariance, 8, confirmed(0.0))
+    assert np.abs(nothing.predict(units) / NOISE).max() < 0.4
+    assert nothing.amplitude < biased.amplitude
+
+
+def test_values_are_rounded_as_results_write_them():
+    values = SPACE.values_of(np.asarray([[0.123456789, 0.5, 0.9]]))
+    assert values[0, 0] == 1123.46

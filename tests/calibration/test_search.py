@@ -1,0 +1,94 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from toy import RESPONSE, SPACE, TRUTH, ToySimulator, toy_objective, toy_run
+
+from jaxcalib.calibration.evaluator import AllRunsFailedError, Evaluator
+from jaxcalib.calibration.local_surface import local_surface
+from jaxcalib.calibration.objective import LogEvidence
+from jaxcalib.calibration.optimisation import optimise, polish, with_population
+from jaxcalib.calibration.screening import screen, smallest_array
+from jaxcalib.calibration.search_box import search_box
+from jaxcalib.search import SagaConfig, TrustRegionConfig
+
+WHOLE = search_box(np.full(3, 0.5), range(3), np.full(3, 0.5))
+START = np.full(3, 0.5)
+
+
+@given(
+    st.lists(st.floats(0.0, 1.0), min_size=3, max_size=3),
+    st.lists(st.floats(0.001, 0.6), min_size=3, max_size=3),
+    st.lists(st.floats(0.0, 1.0), min_size=2, max_size=2),
+)
+def test_a_box_stays_in_the_cube_and_holds_what_it_does_not_search(
+    center: list[float], half: list[float], point: list[float]
+):
+    box = search_box(np.asarray(center), [0, 2], np.asarray(half))
+    unit = box.unit_of(np.asarray([point]))
+    assert ((unit >= -1e-12) & (unit <= 1.0 + 1e-12)).all()
+    assert unit[0, 1] == center[1]
+    assert box.box_of(unit)[0] == pytest.approx(point, abs=1e-9)
+
+
+def test_screening_finds_the_planted_truth():
+    found = screen(toy_run(), WHOLE, START, 8, 2, "explore", 0.9)
+    assert found.array.name.startswith("L16")
+    assert found.best == pytest.approx(TRUTH, abs=0.2)
+    assert found.best_accuracy > found.cases.accuracy[-1]  # better than the initial point, the last case
+
+
+def test_a_failing_region_never_wins_and_never_enters_a_mean():
+    simulator = ToySimulator(failing=(0.55, 0.7))  # where the truth lies
+    found = screen(toy_run(simulator), WHOLE, START, 4, 2, "explore", 0.9)
+    assert not 0.55 <= found.best[1] <= 0.7
+    failed = ~found.cases.is_ok
+    assert failed.any()
+    assert np.isfinite(found.ranges.level_mean_accuracy[[0, 2]]).all()
+
+
+def test_saga_and_polish_come_closer_to_the_truth():
+    run = toy_run()
+    config = with_population(SagaConfig(stop_at_threshold=False), 12, 6)
+    saga = optimise(run, WHOLE, START[None], 8, config, 3, "optimise")
+    assert np.abs(saga.best - TRUTH).max() < 0.25
+    done = polish(run, WHOLE, saga.best, 32, TrustRegionConfig(num_iterations=3), "optimise", saga.rounds)
+    assert np.abs(done.best - TRUTH).max() < 0.12
+
+
+def test_evidence_of_the_logs_holds_what_the_moments_hardly_show():
+    evidence = LogEvidence(TRUTH, np.full(3, 0.01))
+    run = toy_run(objective=toy_objective(evidence, num_drives=2))
+    done = polish(run, WHOLE, TRUTH + 0.05, 16, TrustRegionConfig(num_iterations=2), "optimise")
+    assert np.abs(done.best - TRUTH).max() < 0.03
+
+
+def test_all_candidates_run_the_same_seeds_and_each_drive_equally_often():
+    simulator = ToySimulator()
+    evaluator = Evaluator(simulator, (300.0, 320.0, 300.0, 320.0), 70)
+    evaluator.evaluate(SPACE.values_of(np.asarray([[0.1, 0.2, 0.3], [0.4, 0.5, 0.6]])), 6)
+    first, second = simulator.requests[:6], simulator.requests[6:]
+    assert [r.seed for r in first] == [r.seed for r in second] == list(range(70, 76))
+    assert [r.depart_s for r in first] == [300.0, 320.0] * 3
+    assert evaluator.rounds_of(5) == 4
+
+
+def test_nothing_but_failures_is_said_plainly():
+    evaluator = Evaluator(ToySimulator(failing=(0.0, 1.0)), (300.0,), 1)
+    with pytest.raises(AllRunsFailedError, match="all 3 runs failed"):
+        evaluator.evaluate(SPACE.values_of(START[None]), 3)
+
+
+def test_surface_through_all_candidates_knows_the_slopes():
+    run = toy_run()
+    judged = [run.judge(np.random.default_rng(5).uniform(0.3, 0.7, (60, 3)), 16, "explore")]
+    surface = local_surface(run.objective, WHOLE, judged, START)
+    jacobian = surface.slope / surface.radius
+    factor = np.linalg.cholesky(run.objective.variance(100_000))
+    assert factor @ jacobian == pytest.approx(RESPONSE, abs=0.25)
+
+
+@pytest.mark.parametrize(("number", "cases"), [(2, 16), (5, 16), (6, 64), (12, 64), (21, 64), (22, 81), (40, 81)])
+def test_the_array_is_the_smallest_that_fits(number: int, cases: int):
+    array = smallest_array(number)
+    assert (array.num_cases, array.num_factors) == (cases, number)

@@ -1,0 +1,23 @@
+"""The rules of the house: floors, types, style."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+SCRIPTS = Path(sys.executable).parent
+
+CHECKS = {
+    "imports only go down": [str(SCRIPTS / "lint-imports"), "--no-cache"],
+    "types": [str(SCRIPTS / "pyright"), "--pythonpath", sys.executable],
+    "style": [str(SCRIPTS / "ruff"), "check", "."],
+    "format": [str(SCRIPTS / "ruff"), "format", "--check", "."],
+}
+
+
+@pytest.mark.parametrize("name", CHECKS)
+def test_house(name: str):
+    done = subprocess.run(CHECKS[name], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-1000:]
