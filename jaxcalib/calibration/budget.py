@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from jaxcalib.calibration.screening import smallest_array
+from jaxcalib.calibration.screening import SHORTLIST_RUNS, smallest_array
 from jaxcalib.engines import expected_vehicles
 from jaxcalib.problem import CalibrationProblem
 
@@ -15,6 +15,8 @@ SIZE_EXPONENT = 0.5
 LARGE_RATIO = 3.0
 FEWEST_SEEDS = 12  # fresh ones, for the final errors on held-out drives
 SEEDS_IF_SMALL = 20
+SHORTLISTED = 5  # candidates, about
+QUICK = 0.5  # below it SUMO confirms one finalist only
 
 
 @dataclass(frozen=True)
@@ -73,11 +75,11 @@ def plan_budget(problem: CalibrationProblem, scale: float = 1.0) -> Budget:
     num_fit, num_held_out = len(problem.departs_s("fit")), len(problem.departs_s("held_out"))
 
     def final_runs(num_seeds: int) -> int:
-        return num_held_out * max(1, round(num_seeds * min(scale, 1.0) / max(num_held_out, 1)))
+        return num_held_out * max(2, round(num_seeds * min(scale, 1.0) / max(num_held_out, 1)))
 
     num_parameters = len(problem.layout.names)
-    screened = sum(
-        smallest_array(number).num_cases + 3 for number in (problem.layout.num_inputs, len(problem.layout.attributes))
+    cases = sum(
+        smallest_array(number).num_cases + 1 for number in (problem.layout.num_inputs, len(problem.layout.attributes))
     )
     population, generations = 16, max(2, round(5 * min(scale, 3.0)))
     return Budget(
@@ -87,12 +89,13 @@ def plan_budget(problem: CalibrationProblem, scale: float = 1.0) -> Budget:
         population_size=population,
         num_generations=generations,
         polish_iterations=1,
-        confirmation_rounds=2,
-        confirmation_runs=num_fit if is_large else 2 * num_fit,
+        confirmation_rounds=2 if scale >= QUICK else 1,
+        confirmation_runs=num_fit if is_large or scale < QUICK else 2 * num_fit,
         final_runs=final_runs(FEWEST_SEEDS if is_large else SEEDS_IF_SMALL),
         uncalibrated_runs=final_runs(FEWEST_SEEDS),
         final_fit_runs=num_fit,
-        num_surrogate_runs=(screened + population * generations) * per_candidate
+        num_surrogate_runs=(cases + population * generations) * per_candidate
+        + 3 * SHORTLISTED * SHORTLIST_RUNS * per_candidate
         + 2 * (num_parameters + 4) * polish_runs
-        + 8 * noise_runs,
+        + 9 * noise_runs,
     )

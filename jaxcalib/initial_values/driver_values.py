@@ -19,7 +19,8 @@ MOST_SAMPLES = 100_000
 FEWEST_SAMPLES = 2_000
 FEWEST_DRIVERS = 30
 LEAST_EXPLAINED_SHARE = 0.25  # below it the model does not describe these drivers, and its fit says nothing
-LEAST_ERROR = 0.01  # of the unit range: models are never better than that
+LEAST_ERROR = 0.002  # of the unit range
+UNEXPLAINED_ERROR = 0.02  # of the unit range, where as many moments stay unexplained as are explained
 SPEED_FACTOR_ERROR = 0.02  # drivers as fast as the subject vehicle are met less often than others
 SPEED_DEVIATION_ERROR = 0.01
 CLEAR_SPEED_FACTOR_ERROR = 0.03
@@ -109,7 +110,7 @@ def estimate_drivers(
     if following is not None and replay_loss is not None:
         slope = space.slope_of(np.concatenate([space.lower[:num_inputs], values]))[chosen]
         for index, name in enumerate(fitted):
-            error = following.error[index] / abs(slope[index]) + LEAST_ERROR / following.explained_share
+            error = following.error[index] / abs(slope[index]) + _model_error(following.explained_share)
             note(name, following.values[index], error, "leader-follower pairs")
         clear = following.speed_factor_error < CLEAR_SPEED_FACTOR_ERROR
         if clear.sum() >= FEWEST_DRIVERS:
@@ -131,6 +132,11 @@ def estimate_drivers(
         one = space.ranges[num_inputs + attributes.index("lcAssertive")]
         note("lcAssertive", assertive, LOGARITHMIC_ERROR / np.log(one.upper / one.lower), "accepted gaps")
     return DriverEstimate(values, unit_error, tuple(source), following, num_samples, tuple(fitted), replay_loss)
+
+
+def _model_error(explained_share: float) -> float:
+    """Return how far a fit may be off because not all moments obey the model, in the unit range."""
+    return LEAST_ERROR + UNEXPLAINED_ERROR * (1.0 / explained_share - 1.0)
 
 
 def limits_at(scenario: Scenario, samples: FollowingSamples) -> np.ndarray:

@@ -47,9 +47,9 @@ def verdict(result: CalibrationResult, role: str) -> str:
     after = result.vehicle_level_error["calibrated"][role]["value"]
     floor = result.vehicle_level_error["noise_floor"][role]["value"]
     drives = "drives that the calibration never saw" if role == "held_out" else "fitted drives (none was held out)"
-    sentence = f"On {drives} the vehicle-level error in SUMO falls from {_percent(before)} to {_percent(after)}"
+    sentence = f"On {drives} the vehicle-level error in SUMO goes from {_percent(before)} to {_percent(after)}"
     if before and after is not None:
-        sentence += f", {1.0 - after / before:.0%} less"
+        sentence += f" ({after / before - 1.0:+.0%})"
     if floor is None or after is None:
         return sentence + "."
     above = [
