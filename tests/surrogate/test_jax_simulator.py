@@ -81,6 +81,7 @@ def requests(template: WorldTemplate) -> dict[str, RunRequest]:
         "sparse": request(7, main=1500.0),
         "other seed": request(8),
         "later": request(7, depart_s=81.0),
+        "ends later": request(7, depart_s=84.0),
         "never": request(7, depart_s=END_S + 41.0),
     }
 
@@ -133,10 +134,11 @@ def test_nobody_enters_who_has_not_arrived(outcomes: dict[str, RunOutcome]) -> N
 def test_outcomes_come_back_in_the_order_of_the_requests(
     simulator: JaxSimulator, requests: dict[str, RunRequest]
 ) -> None:
-    asked = [requests[name] for name in ("later", "base", "sparse", "later", "lazy")]  # more than one batch
+    asked = [requests[name] for name in ("later", "base", "lazy", "later", "sparse", "base")]  # two batches
     made = simulator.run(asked)
     assert [outcome.request for outcome in made] == asked
     assert_same_bits(made[0], made[3])
+    assert_same_bits(made[1], made[5])
 
 
 @pytest.mark.parametrize("companions", [(), ("sparse",), ("other seed", "lazy"), ("base", "base")])
@@ -159,6 +161,14 @@ def test_a_request_gives_the_same_bits_beside_one_that_departs_at_another_time(
     beside = simulator.run([requests["base"], requests["later"]])[1]
     assert alone.status is Status.OK
     assert_same_bits(alone, beside)
+
+
+def test_an_unfinished_drive_ends_at_the_same_time_whoever_else_departs(
+    simulator: JaxSimulator, requests: dict[str, RunRequest]
+) -> None:
+    alone = simulator.run([requests["ends later"]])[0]
+    beside = simulator.run([requests["base"], requests["ends later"]])[1]
+    assert told(alone)["last_s"] == told(beside)["last_s"] == pytest.approx(END_S, abs=0.5)
 
 
 def test_another_behaviour_meets_the_same_arrivals(outcomes: dict[str, RunOutcome]) -> None:

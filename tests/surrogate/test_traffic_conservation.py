@@ -19,7 +19,7 @@ SUBJECT = 2 * ENTRANCE_STRIDE  # identity of the subject vehicle where there are
 
 @pytest.fixture(scope="module")
 def world(corridor_world: Callable[..., World]) -> World:
-    return corridor_world(13, DEPART_S, main=3300.0, on1=620.0)
+    return corridor_world(19, DEPART_S, main=3300.0, on1=620.0)
 
 
 @pytest.fixture(scope="module")
@@ -78,7 +78,7 @@ def test_no_vehicle_overlaps_its_leader(states: list[TrafficState], world: World
             gaps = position[:-1] - LENGTH_M - position[1:]
             closest = min(closest, gaps.min(initial=np.inf))
     assert closest >= 0.0
-    assert closest < 10.0  # it was dense enough to tell
+    assert closest < 15.0  # it was dense enough to tell
     assert int(states[-1].num_collisions) == 0
 
 

@@ -13,6 +13,7 @@ import pytest
 
 from sim_adapters.errors import ScenarioError
 from sim_adapters.interface import ParameterLayout
+from sim_adapters.road_builder import LONGEST_CELL_M
 from sim_adapters.scenario import Scenario
 from sim_adapters.world_builder import WorldTemplate, build_template
 from surrogate.step import World
@@ -99,6 +100,18 @@ def test_behaviour_changes_the_named_vtype_and_never_the_subject_vehicle(
     np.testing.assert_allclose(found, expected, rtol=1e-6)
 
 
+def test_even_if_its_vtype_is_named_the_subject_vehicle_stays_as_it_is(
+    corridor: Scenario, layout: ParameterLayout, template: WorldTemplate
+) -> None:
+    both = build_template(corridor, replace(layout, vtypes=("car", "subject")))
+    changed = vector(template, tau=1.83, minGap=3.1, accel=0.97)
+    car, subject = both.world(changed, jnp.asarray(1), jnp.asarray(60.0)).classes
+    own = template.class_values[-1]
+    assert float(car.car_following.time_gap_s) == pytest.approx(1.83)
+    assert float(subject.car_following.time_gap_s) == pytest.approx(own["tau"]) != pytest.approx(1.83)
+    assert float(subject.car_following.jam_gap_m) == pytest.approx(own["minGap"]) != pytest.approx(3.1)
+
+
 def test_each_leaf_without_a_batch_axis_is_the_same_in_all_runs(template: WorldTemplate) -> None:
     vectors = jnp.stack([vector(template), vector(template, main=2100.0, tau=1.7), vector(template, on1=77.0)])
     seeds, departs_s = jnp.asarray([4, 5, 6]), jnp.asarray([60.0, 71.0, 90.0])
@@ -130,13 +143,27 @@ def test_the_entrances_are_the_first_lanes_of_carriageway_and_ramp(template: Wor
     assert template.serves.any(axis=2).all()
 
 
+def places_to_look_up(ends: np.ndarray) -> np.ndarray:
+    """Return positions all along the road, on the borders and just before them."""
+    anywhere = np.random.default_rng(2).uniform(-30.0, 3400.0, 20_000).astype(np.float32)
+    return np.concatenate([anywhere, ends[:-1], np.nextafter(ends[:-1], np.float32(0.0))])
+
+
 def test_positions_are_looked_up_in_the_segment_that_holds_them(template: WorldTemplate) -> None:
-    ends = np.asarray(template.road.segment_end_m, np.float64)
-    rng = np.random.default_rng(2)
-    position = np.concatenate(
-        [rng.uniform(-30.0, 3400.0, 4000), ends[:-1], np.nextafter(ends[:-1].astype(np.float32), np.float32(0.0))]
-    ).astype(np.float32)
-    expected = np.minimum(np.searchsorted(ends, position, side="right"), len(ends) - 1)
+    ends = np.asarray(template.road.segment_end_m)
+    position = places_to_look_up(ends)
+    behind_short = np.zeros(len(position), bool)
+    for end in ends[1:-1][np.diff(ends[:-1]) < LONGEST_CELL_M]:
+        behind_short |= (position >= end) & (position < end + LONGEST_CELL_M)
+    position = position[~behind_short]
+    expected = np.searchsorted(ends, position, side="right")
+    np.testing.assert_array_equal(np.asarray(template.road.segment_at(jnp.asarray(position))), expected)
+
+
+def test_positions_right_behind_a_short_segment_are_looked_up_in_theirs(template: WorldTemplate) -> None:
+    ends = np.asarray(template.road.segment_end_m)
+    position = places_to_look_up(ends)
+    expected = np.searchsorted(ends, position, side="right")
     np.testing.assert_array_equal(np.asarray(template.road.segment_at(jnp.asarray(position))), expected)
 
 

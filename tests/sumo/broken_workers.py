@@ -1,0 +1,79 @@
+"""Runs that go wrong; worker processes import them from here."""
+
+import os
+import time
+from pathlib import Path
+
+import numpy as np
+
+from sim_adapters.sumo_worker import SumoJob, SumoRun
+
+
+def tries_of(job: SumoJob) -> Path:
+    """Return the file that counts how often a seed was tried; it outlives the folder of a run."""
+    return job.folder.parent.parent / f"tries-{job.seed}"
+
+
+def note(job: SumoJob) -> int:
+    with tries_of(job).open("a") as file:
+        file.write("x")
+    return tries_of(job).stat().st_size
+
+
+def short_run(job: SumoJob) -> SumoRun:
+    """Return a drive of two frames with one vehicle ahead; its speed is the seed."""
+    four, num_entered = np.ones(4), np.asarray([5, 2])
+    return SumoRun(
+        time_s=np.asarray([1.0, 1.0, 1.5, 1.5]),
+        vehicle=np.asarray([-1, 0, -1, 0]),
+        row=np.zeros(4, int),
+        position_m=np.asarray([100.0, 130.0, 105.0, 136.0]),
+        speed_mps=job.seed * four,
+        acceleration_mps2=0 * four,
+        lateral_m=0 * four,
+        num_arrived=num_entered + 1,
+        num_inserted=num_entered,
+        num_collisions=0,
+        num_teleports=0,
+        num_vehicle_steps=4,
+        wall_s=0.0,
+    )
+
+
+def die(job: SumoJob) -> SumoRun:
+    """Take the process along, as a crash of SUMO does."""
+    note(job)
+    os._exit(7)
+
+
+def die_once(job: SumoJob) -> SumoRun:
+    """Take the process along at the first try."""
+    if note(job) == 1:
+        os._exit(7)
+    return short_run(job)
+
+
+def die_if_odd(job: SumoJob) -> SumoRun:
+    """Take the process along for every other seed."""
+    return die(job) if job.seed % 2 else short_run(job)
+
+
+def hang(job: SumoJob) -> SumoRun:
+    """Come to no end."""
+    note(job)
+    time.sleep(600.0)
+    return short_run(job)
+
+
+def complain(job: SumoJob) -> SumoRun:
+    """Leave words in SUMO's log and fail."""
+    (job.folder / "errors.log").write_text("Error: the last words.\n")
+    raise RuntimeError("no such lane")
+
+
+def see_nothing(job: SumoJob) -> SumoRun:
+    """Return a run into which the subject vehicle never came."""
+    none = np.empty(0)
+    run = vars(short_run(job))
+    rows = ("time_s", "vehicle", "row", "position_m", "speed_mps", "acceleration_mps2", "lateral_m")
+    return SumoRun(**(run | dict.fromkeys(rows, none)))
