@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from jaxcalib.calibration.screening import SHORTLIST_RUNS, smallest_array
+from jaxcalib.calibration.screening import SHORTLIST_RUNS, small_array, smallest_array
 from jaxcalib.engines import expected_vehicles
 from jaxcalib.problem import CalibrationProblem
 
@@ -70,18 +70,16 @@ def plan_budget(problem: CalibrationProblem, scale: float = 1.0) -> Budget:
     ratio = max(1.0, size / SMALL_RUN)
     is_large = ratio > LARGE_RATIO
     per_candidate = max(FEWEST_RUNS, round(RUNS_PER_CANDIDATE * scale / ratio**SIZE_EXPONENT))
-    noise_runs = max(24, round((48 if not is_large else 32) * min(scale, 4.0)))
-    polish_runs = 3 * per_candidate
+    noise_runs = round((16 if is_large else 48) * min(max(scale, 0.5), 4.0))
+    polish_runs = (2 if is_large else 3) * per_candidate
     num_fit, num_held_out = len(problem.departs_s("fit")), len(problem.departs_s("held_out"))
 
     def final_runs(num_seeds: int) -> int:
         return num_held_out * max(2, round(num_seeds * min(scale, 1.0) / max(num_held_out, 1)))
 
     num_parameters = len(problem.layout.names)
-    cases = sum(
-        smallest_array(number).num_cases + 1 for number in (problem.layout.num_inputs, len(problem.layout.attributes))
-    )
-    population, generations = 16, max(2, round(5 * min(scale, 3.0)))
+    cases = small_array(problem.layout.num_inputs).num_cases + smallest_array(len(problem.layout.attributes)).num_cases
+    population, generations = 16, max(2, round((4 if is_large else 5) * min(scale, 3.0)))
     return Budget(
         runs_per_candidate=per_candidate,
         noise_runs=noise_runs,

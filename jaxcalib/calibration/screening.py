@@ -129,3 +129,9 @@ def smallest_array(num_parameters: int) -> OrthogonalArray:
     if array.num_cases <= MOST_CASES:
         return array
     return min(array, orthogonal_array(num_parameters, FEWER_LEVELS), key=lambda one: one.num_cases)
+
+
+def small_array(num_parameters: int) -> OrthogonalArray:
+    """Return the design with fewest cases of those with three or four levels: for answers that hardly bend."""
+    designs = (orthogonal_array(num_parameters, levels) for levels in (MOST_LEVELS, FEWER_LEVELS))
+    return min(designs, key=lambda one: (one.num_cases, -one.num_levels))

@@ -14,7 +14,7 @@ from jaxcalib.calibration.local_surface import local_surface
 from jaxcalib.calibration.objective import LogEvidence, Objective
 from jaxcalib.calibration.objective_choice import choose_objective
 from jaxcalib.calibration.optimisation import Optimisation, optimise, polish, with_population
-from jaxcalib.calibration.screening import Screening, screen
+from jaxcalib.calibration.screening import Screening, screen, small_array
 from jaxcalib.calibration.search_box import SearchBox, search_box
 from jaxcalib.calibration.search_run import CourseEntry, Judged, SearchRun, best_of
 from jaxcalib.initial_values.initial_point import InitialPoint
@@ -115,7 +115,10 @@ def search_two_stages(
     flow_run = SearchRun(evaluator, space, objective.of_level(Level.TRAFFIC), course)
     inputs_box = search_box(start, everything[:num_inputs], half_width)
     threshold = settings.accuracy_threshold or objective.noise_floor_accuracy
-    stage_1 = screen(flow_run, inputs_box, start, num_runs, 1, STAGE_1, threshold, literal=settings.literal)
+    design = small_array(num_inputs)  # flow answers nearly in proportion to inflow
+    stage_1 = screen(
+        flow_run, inputs_box, start, num_runs, 1, STAGE_1, threshold, literal=settings.literal, array=design
+    )
     wall_s = {STAGE_1: clock() - began}
     began = clock()
 

@@ -61,7 +61,7 @@ def die_if_odd(job: SumoJob) -> SumoRun:
 def hang(job: SumoJob) -> SumoRun:
     """Come to no end."""
     note(job)
-    time.sleep(600.0)
+    time.sleep(60.0)
     return short_run(job)
 
 

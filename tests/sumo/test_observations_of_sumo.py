@@ -154,6 +154,8 @@ def test_the_run_is_worth_measuring(observed: Observed, sumo: Stated):
     assert observed.outcome.status is Status.OK
     assert observed.outcome.num_teleports == observed.outcome.num_collisions == 0
     assert sumo.trip["arrival"] < END_S
+    assert observed.tally["cut_ins"] >= 3
+    assert observed.tally["overtakes"] >= 5
 
 
 def test_both_runs_are_the_same_run(observed: Observed, sumo: Stated):
