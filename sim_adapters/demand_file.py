@@ -128,6 +128,8 @@ def _rate(file: Path, element: ET.Element, begin_s: float, end_s: float) -> tupl
     """Return vehicles per second, and whether they come evenly."""
     name = element.get("id")
     period = element.get("period") or element.get("vehsPerHour") or ""
+    if (element.get("vehsPerHour") or "").strip().startswith("exp"):
+        raise ScenarioError(file, f"flow '{name}': vehsPerHour: expected a number; SUMO knows exp(...) in period only.")
     random = re.fullmatch(r"exp\(([^)]*)\)", period.strip())
     if random:
         return _number(file, element, "period", random.group(1)), False

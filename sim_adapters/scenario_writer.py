@@ -123,9 +123,8 @@ def _set_attributes(vtype: ET.Element, values: Mapping[str, float]) -> None:
 
 
 def _set_rate(element: ET.Element, flow: Flow, rate_vehps: float) -> None:
-    if (element.get("period") or element.get("vehsPerHour") or "").startswith("exp"):
-        attribute = "period" if element.get("period") else "vehsPerHour"
-        element.set(attribute, f"exp({_text(rate_vehps)})")
+    if (element.get("period") or "").strip().startswith("exp"):
+        element.set("period", f"exp({_text(rate_vehps)})")
     elif element.get("period"):
         element.set("period", _text(1.0 / max(rate_vehps, 1e-9)))
     elif element.get("vehsPerHour"):

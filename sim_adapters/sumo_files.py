@@ -9,6 +9,7 @@ import gzip
 import xml.etree.ElementTree as ET
 from dataclasses import dataclass
 from pathlib import Path
+from xml.parsers import expat
 
 from sim_adapters.errors import ScenarioError
 
@@ -74,12 +75,22 @@ def read_xml(file: Path) -> ET.Element:
             raw = packed.read(LARGEST_UNPACKED_BYTES + 1)
     if len(raw) > LARGEST_UNPACKED_BYTES:
         raise ScenarioError(file, f"expected at most {LARGEST_UNPACKED_BYTES // 2**20} MiB of XML.")
-    if b"<!DOCTYPE" in raw or b"<!ENTITY" in raw:
-        raise ScenarioError(file, "expected plain XML; found a DOCTYPE, which SUMO files never need.")
     try:
+        _refuse_document_type(file, raw)
         return ET.fromstring(raw)
-    except (ET.ParseError, RecursionError) as error:
+    except (ET.ParseError, expat.ExpatError, RecursionError) as error:
         raise ScenarioError(file, f"expected XML: {error}.") from None
+
+
+def _refuse_document_type(file: Path, raw: bytes) -> None:
+    """Parse as far as a DOCTYPE could stand, in whatever encoding the file is."""
+
+    def refuse(*declaration: object) -> None:
+        raise ScenarioError(file, "expected plain XML; found a DOCTYPE, which SUMO files never need.")
+
+    parser = expat.ParserCreate()
+    parser.StartDoctypeDeclHandler = refuse
+    parser.Parse(raw, True)
 
 
 def read_configuration(file: Path, folder: Path) -> SumoConfiguration:

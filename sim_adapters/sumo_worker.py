@@ -171,7 +171,7 @@ def _read_frames(output: Path, job: SumoJob) -> dict[str, np.ndarray]:
     with output.open(newline="", encoding="utf-8") as file:
         reader = csv.DictReader(file, delimiter=";")
         for line in reader:
-            name = line["vehicle_id"]
+            name = line.get("vehicle_id")  # SUMO leaves the column out if no vehicle was ever near
             if not name:
                 continue
             place = job.lane_place.get(line["vehicle_lane"])

@@ -64,7 +64,7 @@ class DriveTally(eqx.Module):
         )
 
     def update(self, state: DriveState, frame: PerceptionFrame) -> DriveState:
-        """Return the state after one more frame; a frame that is not valid changes nothing."""
+        """Return the state after one more frame; one that is not valid adds nothing, and what was seen is forgotten."""
         scene = look(frame, state.memory, state.previous_s, self.settings)
         counted: dict[str, Array] = {}
         per_track: dict[str, Array] = {}
@@ -74,8 +74,13 @@ class DriveTally(eqx.Module):
         tally = jnp.where(frame.valid, self._vector(counted), 0.0)
         sums = jnp.stack([per_track[name] for name in self.track_names], axis=-1)
         return DriveState(
-            previous_s=jnp.where(frame.valid, frame.time_s, -jnp.inf),  # nothing happens across a gap in a log
-            memory=remember(state.memory, scene),
+            previous_s=jnp.where(frame.valid, frame.time_s, state.previous_s),
+            # across a gap in a log time goes by for the subject vehicle, but nothing is known of the others
+            memory=jax.tree.map(
+                lambda kept, forgotten: jnp.where(frame.valid, kept, forgotten),
+                remember(state.memory, scene),
+                nothing_remembered(self.settings.num_tracks),
+            ),
             track_sums=state.track_sums.at[scene.slot].add(sums, mode="promise_in_bounds"),
             tally=state.tally + tally,
         )

@@ -110,11 +110,7 @@ def test_arrivals_are_those_of_the_demand(outcomes: list[RunOutcome], requests: 
         assert (outcome.num_collisions, outcome.num_teleports) == (0, 0)
 
 
-def test_a_subject_vehicle_that_never_enters_is_missing(
-    engine: Simulator, requests: list[RunRequest], request: pytest.FixtureRequest
-):
-    if request.node.callspec.params["engine"] == "sumo":
-        request.applymarker(pytest.mark.xfail(strict=True, reason="an output without any vehicle has no columns"))
+def test_a_subject_vehicle_that_never_enters_is_missing(engine: Simulator, requests: list[RunRequest]):
     (outcome,) = engine.run([replace(requests[0], depart_s=END_S + 1.0)])
     assert outcome.status is Status.SUBJECT_MISSING
     assert outcome.observed is None

@@ -1,6 +1,6 @@
 """A worker of the SUMO pool may die, hang or fail: the run is tried once more and then reported, nothing is raised."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -109,7 +109,7 @@ def test_numbers_that_are_not_finite_are_a_status(make_runs: Run, monkeypatch: p
 
 
 @pytest.fixture
-def lost_configuration(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[Path]]:
+def lost_configuration(monkeypatch: pytest.MonkeyPatch) -> list[Path]:
     """Take each configuration away as soon as it is written."""
     lost: list[Path] = []
 

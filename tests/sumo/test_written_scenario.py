@@ -36,7 +36,7 @@ def write(corridor: Scenario, layout: ParameterLayout, tmp_path: Path) -> Callab
 
 
 @pytest.fixture
-def trajectories(start_sumo: Callable[..., subprocess.Popen], tmp_path: Path) -> Callable[..., bytes]:
+def trajectories(start_sumo: Callable[..., subprocess.Popen], tmp_path: Path) -> Callable[..., list[bytes]]:
     """Return a function that runs plain SUMO for a minute and returns what it writes of all vehicles."""
 
     def run(*runs: tuple[Path, int]) -> list[bytes]:
@@ -69,7 +69,7 @@ def test_the_same_seed_gives_the_same_bits_wherever_it_is_written(
 def test_the_scenario_s_own_values_give_the_scenario(
     corridor: Scenario, layout: ParameterLayout, trajectories: Callable[..., list[bytes]], tmp_path: Path
 ):
-    base = build_template(corridor, layout).base_values()
+    base = build_template(corridor, layout).base_values().tolist()
     written = write_scenario(corridor, layout, base, 300.0, "ego", tmp_path)
     original, again = trajectories((corridor.configuration.file, 2), (written.config, 2))
     assert original == again
