@@ -10,8 +10,7 @@ from sim_adapters.best_lanes import best_lanes
 from sim_adapters.route_network import LaneKey, RouteLane, RouteNetwork
 from surrogate.road import Road
 
-LONGEST_CELL_M = 2.0
-SHORTEST_CELL_M = 0.05  # pieces of road shorter than this are looked up wrongly, for less than their length
+CELL_LENGTH_M = 2.0
 TRACK_MARGIN_M = 60.0  # free space between two tracks in one row, so that nobody follows across it
 NOWHERE_M = 1e9
 
@@ -83,7 +82,6 @@ def build_road(row_map: RowMap, routes: Sequence[Sequence[str]]) -> Road:
     network, num_rows = row_map.network, row_map.num_rows
     edges = [*network.main_edges, *network.ramp_edges]
     breaks = np.unique([network.edge_start_m(edge) for edge in edges])
-    cell_m = float(np.clip(0.9 * np.diff(breaks).min(initial=LONGEST_CELL_M), SHORTEST_CELL_M, LONGEST_CELL_M))
     num_segments = len(breaks)
     lane_at = _lanes_by_row_and_segment(row_map, breaks)
     main_edge_at = _main_edge_by_segment(network, breaks)
@@ -106,8 +104,9 @@ def build_road(row_map: RowMap, routes: Sequence[Sequence[str]]) -> Road:
     ends, track_end = np.unique(np.minimum(continuation, stop).round(3), return_inverse=True)
     return Road(
         cell_origin_m=jnp.asarray(breaks[0], jnp.float32),
-        cell_length_m=jnp.asarray(cell_m, jnp.float32),
-        cell_segment=_cells(breaks, cell_m, max(lane.end_m for lane in network.lanes.values())),
+        cell_length_m=jnp.asarray(CELL_LENGTH_M, jnp.float32),
+        borders_per_cell=_most_borders_in_a_cell(breaks),
+        cell_segment=_cells(breaks, max(lane.end_m for lane in network.lanes.values())),
         segment_end_m=jnp.asarray([*breaks[1:], np.inf], jnp.float32),
         speed_limit_mps=jnp.asarray(limit, jnp.float32),
         slow_position_m=jnp.asarray(slow_position, jnp.float32),
@@ -219,6 +218,12 @@ def _stop_m(network: RouteNetwork, lane: RouteLane, route: Sequence[str]) -> flo
     return np.inf
 
 
-def _cells(breaks: np.ndarray, cell_m: float, end_m: float) -> "jnp.ndarray":
-    begins = breaks[0] + cell_m * np.arange(int((end_m - breaks[0]) / cell_m) + 2)
+def _most_borders_in_a_cell(breaks: np.ndarray) -> int:
+    """Return how many breaks a cell holds at most, wherever rounding puts its borders."""
+    reach = np.searchsorted(breaks, breaks + 1.01 * CELL_LENGTH_M)
+    return int(np.max(reach - np.arange(len(breaks))))
+
+
+def _cells(breaks: np.ndarray, end_m: float) -> "jnp.ndarray":
+    begins = breaks[0] + CELL_LENGTH_M * np.arange(int((end_m - breaks[0]) / CELL_LENGTH_M) + 2)
     return jnp.asarray(np.clip(np.searchsorted(breaks, begins, side="right") - 1, 0, len(breaks) - 1), jnp.int32)

@@ -11,6 +11,7 @@ from surrogate.traffic_state import VehicleArrays
 from surrogate.vehicle_class import CarFollowingMix, VehicleClass, select_by_class
 
 Value = Float[Array, " vehicle"]
+BEFORE_ALL_STEPS = -1  # keys the random number that a driver keeps
 
 
 def move(
@@ -49,7 +50,7 @@ def move(
         leader_acceleration_mps2=leader.acceleration_mps2,
         acceleration_mps2=vehicles.acceleration_mps2,
         desired_speed_mps=desired_mps,
-        uniform=uniform(seed, vehicles.identity, step, Purpose.CAR_FOLLOWING),
+        uniform=_random(vehicles, classes, seed, step),
     )
     model = CarFollowingMix(tuple(c.car_following for c in classes), vehicles.vehicle_class)
     acceleration = model.acceleration(situation, step_s)
@@ -99,6 +100,18 @@ def limited_acceleration(
     up_mps2 = jnp.minimum(max_acceleration_mps2, (desired_speed_mps - speed_mps) / step_s)
     up_mps2 = jnp.maximum(up_mps2, -max_deceleration_mps2)
     return jnp.clip(wanted_mps2, -emergency_deceleration_mps2, up_mps2)
+
+
+def _random(
+    vehicles: VehicleArrays, classes: tuple[VehicleClass, ...], seed: Int[Array, ""], step: Int[Array, ""]
+) -> Value:
+    """Return each driver's random number: the one of this step, or the one that he keeps if his model wants that."""
+    of_step = uniform(seed, vehicles.identity, step, Purpose.CAR_FOLLOWING)
+    is_kept = [c.car_following.draws_once_per_driver for c in classes]
+    if not any(is_kept):
+        return of_step
+    kept = uniform(seed, vehicles.identity, BEFORE_ALL_STEPS, Purpose.CAR_FOLLOWING)
+    return jnp.where(select_by_class([jnp.asarray(k) for k in is_kept], vehicles.vehicle_class), kept, of_step)
 
 
 def _replace(vehicles: VehicleArrays, **changes: Array) -> VehicleArrays:

@@ -35,6 +35,7 @@ class Road(eqx.Module):
         edge_start_m: where the edge of the carriageway begins that this segment belongs to.
         edge_length_m: length of that edge.
         num_lanes: lanes of the carriageway in this segment, auxiliary lanes included.
+        borders_per_cell: borders of segments within one cell, at most.
     """
 
     cell_origin_m: Float[Array, ""]
@@ -57,6 +58,7 @@ class Road(eqx.Module):
     edge_start_m: Float[Array, " segment"]
     edge_length_m: Float[Array, " segment"]
     num_lanes: Float[Array, " segment"]
+    borders_per_cell: int = eqx.field(static=True)
 
     @property
     def num_rows(self) -> int:
@@ -74,9 +76,10 @@ class Road(eqx.Module):
         return self.destination_end_m.shape[0]
 
     def segment_at(self, position_m: Float[Array, "..."]) -> Int[Array, "..."]:
-        """Return the segment of each position. A cell is shorter than any segment, so it meets one border at most."""
+        """Return the segment of each position: that in which its cell begins, or one behind it."""
         cell = ((position_m - self.cell_origin_m) / self.cell_length_m).astype(jnp.int32)
         cell = jnp.clip(cell, 0, self.cell_segment.shape[0] - 1)
-        first = self.cell_segment.at[cell].get(mode="promise_in_bounds")
-        is_beyond = position_m >= self.segment_end_m.at[first].get(mode="promise_in_bounds")
-        return jnp.minimum(first + is_beyond, self.num_segments - 1)
+        segment = self.cell_segment.at[cell].get(mode="promise_in_bounds")
+        for _ in range(self.borders_per_cell):  # the last segment ends nowhere, so this never runs off the end
+            segment = segment + (position_m >= self.segment_end_m.at[segment].get(mode="promise_in_bounds"))
+        return segment

@@ -6,6 +6,7 @@ file with a subclass, give it the five common fields and the four methods, and e
 """
 
 import abc
+from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -45,8 +46,10 @@ class CarFollowingModel(eqx.Module):
         max_acceleration_mps2: upper bound of the acceleration.
         max_deceleration_mps2: deceleration that the driver is ready to use (SUMO's decel).
         emergency_deceleration_mps2: physical bound of the deceleration.
+        draws_once_per_driver: whether the random number of a situation stays the driver's own; else each step has one.
     """
 
+    draws_once_per_driver: ClassVar[bool] = False
     jam_gap_m: eqx.AbstractVar[Value]
     time_gap_s: eqx.AbstractVar[Value]
     max_acceleration_mps2: eqx.AbstractVar[Value]

@@ -1,8 +1,7 @@
-"""Wiedemann's psycho-physical model of 1999, in two readings.
+"""Wiedemann's psycho-physical model of 1999: its ten parameters, and what SUMO 1.28 computes from them.
 
-`Wiedemann99Sumo` is what SUMO 1.28 computes (`MSCFModel_W99`); `Wiedemann99Vissim` is what VISSIM's manual and the
-public demonstration (github.com/glgh/w99-demo) mean by the ten parameters. They differ in six rules, which the
-docstrings name; a calibration that is confirmed in SUMO needs the first.
+SUMO (`MSCFModel_W99`) and VISSIM give the same parameters different rules, so there are two models: `Wiedemann99Sumo`
+here, which a calibration that is confirmed in SUMO needs, and `wiedemann99_vissim.Wiedemann99Vissim`.
 """
 
 import abc
@@ -18,7 +17,7 @@ SPEED_OF_CC9_MPS = 80.0 / 3.6
 HARDEST_BRAKING_MPS2 = 10.0
 
 
-class _Wiedemann99(CarFollowingModel):
+class Wiedemann99(CarFollowingModel):
     """The ten parameters; the CC number comes first in each name because everybody knows it.
 
     Attributes:
@@ -108,7 +107,7 @@ class _Wiedemann99(CarFollowingModel):
         )
 
 
-class Wiedemann99Sumo(_Wiedemann99):
+class Wiedemann99Sumo(Wiedemann99):
     """W99 as SUMO 1.28 computes it.
 
     Source: `MSCFModel_W99::followSpeed`.
@@ -144,43 +143,8 @@ class Wiedemann99Sumo(_Wiedemann99):
         return _regimes(self, v, vl, dv, finite_dx, al, last, sdxc, sdxo, sdxv, sdvc, sdvo, bound, free, cc7)
 
 
-class Wiedemann99Vissim(_Wiedemann99):
-    """W99 as VISSIM's manual and its public demonstration mean it.
-
-    Source: github.com/glgh/w99-demo (structure), PTV VISSIM 2024 help (meaning of the parameters).
-    Deviation from the demonstration: the free acceleration goes linearly from CC8 at standstill to CC9 at 80 km/h, as
-    VISSIM's manual says; the demonstration adds CC9 v to CC8. The random number belongs to the driver, not the step.
-    """
-
-    def follow_acceleration(self, situation: FollowingSituation) -> Value:
-        """Return the acceleration of the four regimes."""
-        v, dx, vl = situation.speed_mps, situation.gap_m, situation.leader_speed_mps
-        al, last = situation.leader_acceleration_mps2, situation.acceleration_mps2
-        dv = vl - v
-        cc0, cc4, cc5 = (
-            self.cc0_standstill_gap_m,
-            self.cc4_negative_speed_threshold_mps,
-            self.cc5_positive_speed_threshold_mps,
-        )
-        cc7 = self.cc7_oscillation_acceleration_mps2
-        slower = jnp.where((dv >= 0.0) | (al < -1.0), v, vl + dv * (situation.uniform - 0.5))
-        sdxc = cc0 + jnp.where(vl > 0.0, self.cc1_time_gap_s * jnp.maximum(0.0, slower), 0.0)
-        sdxo = sdxc + self.cc2_following_variation_m
-        sdxv = sdxo + self.cc3_following_threshold_s * (dv - cc4)
-        finite_dx = jnp.minimum(dx, 1e4)
-        sdv = self.cc6_oscillation_speed_dependency * finite_dx * finite_dx * 1e-4
-        sdvc = jnp.where(vl > 0.0, cc4 - sdv, 0.0)
-        sdvo = sdv + jnp.where(v > cc5, cc5, 0.0)
-        share = jnp.minimum(v, SPEED_OF_CC9_MPS) / SPEED_OF_CC9_MPS
-        free = self.cc8_standstill_acceleration_mps2 + share * (
-            self.cc9_acceleration_at_80kmh_mps2 - self.cc8_standstill_acceleration_mps2
-        )
-        wanted = _regimes(self, v, vl, dv, finite_dx, al, last, sdxc, sdxo, sdxv, sdvc, sdvo, last, free, cc7)
-        return jnp.minimum(wanted, jnp.maximum(situation.desired_speed_mps - v, 0.0) + 0.0 * v)
-
-
 def _regimes(
-    model: _Wiedemann99,
+    model: Wiedemann99,
     v: Value,
     vl: Value,
     dv: Value,
@@ -224,6 +188,3 @@ def _regimes(
     is_closing = (dv < sdvc) & (dx < sdxv)
     is_following = (dv < sdvo) & (dx < sdxo)
     return jnp.where(is_too_close, too_close, jnp.where(is_closing, brake, jnp.where(is_following, follow, keep)))
-
-
-__all__ = ["Wiedemann99Sumo", "Wiedemann99Vissim"]

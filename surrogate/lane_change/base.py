@@ -19,7 +19,7 @@ class Reason(enum.IntEnum):
 
 
 class LaneChangeModel(eqx.Module):
-    """The parameters of a lane-change model; see `lc2013.py`.
+    """The parameters of a lane-change model; see `lc2013.py` and `mobil.py`.
 
     A record holds numbers only, one per vehicle or one for all; `lane_change.decide` asks the model that the record
     belongs to.

@@ -10,6 +10,7 @@ from surrogate.lane_change.base import LEFT, RIGHT, STAY, LaneChangeDecision, Si
 from surrogate.lane_change.cooperation import NO_ADVICE, requests
 from surrogate.lane_change.gap_acceptance import Blocked, Ego, Following, blocked
 from surrogate.lane_change.lc2013 import Lc2013, Memory
+from surrogate.lane_change.mobil import Mobil, mobil_wishes, route_parameters
 from surrogate.lane_change.motives import wish
 from surrogate.lane_change.strategy import decayed_look_ahead_speed_mps, strategy
 from surrogate.lane_change.surroundings import Place, desired_speed_mps, ego_of, following_of, side_of, sight_m
@@ -62,6 +63,11 @@ def decide(place: Place, classes: tuple[VehicleClass, ...], interval_s: float, s
     )
     to_right = wish(model, ego, right, route_right, memory, following, asked.help_right, True, interval_s, step_s)
     to_left = wish(model, ego, left, route_left, memory, following, asked.help_left, False, interval_s, step_s)
+    if any(isinstance(c.lane_change, Mobil) for c in classes):
+        to_right, to_left = mobil_wishes(
+            (to_right, to_left), ego, (right, left), (route_right, route_left), (right_gaps, left_gaps),
+            vehicles, desired_mps, following, classes, step_s,
+        )  # fmt: skip
     goes_right = to_right.change & ~right_gaps.at_all
     goes_left = to_left.change & ~left_gaps.at_all & ~goes_right & ~(to_right.urgent & to_left.urgent)
     moves = goes_right | goes_left
@@ -165,6 +171,8 @@ def _negotiate(
 
 def _lc2013(vehicle_class: VehicleClass) -> Lc2013:
     model = vehicle_class.lane_change
+    if isinstance(model, Mobil):
+        return route_parameters(model)
     if not isinstance(model, Lc2013):
-        raise TypeError(f"Expected the lane-change model Lc2013 for every class, got {type(model).__name__}.")
+        raise TypeError(f"Expected the lane-change model Lc2013 or Mobil for every class, got {type(model).__name__}.")
     return model

@@ -11,6 +11,7 @@ from surrogate.car_following.base import CarFollowingModel, FollowingSituation
 from surrogate.car_following.idm import Idm
 from surrogate.car_following.krauss import Krauss
 from surrogate.car_following.wiedemann99 import Wiedemann99Sumo
+from surrogate.car_following.wiedemann99_vissim import Wiedemann99Vissim
 from surrogate.replay import ReplayStart, ReplayState, replay
 
 STEP_S = 0.1
@@ -34,7 +35,10 @@ MODELS: Mapping[str, Callable[[], CarFollowingModel]] = {
     "IDM": lambda: Idm(**{name: jnp.asarray(value) for name, value in IDM.items()}),
     "Krauss": lambda: Krauss(**{name: jnp.asarray(value) for name, value in KRAUSS.items()}),
     "W99": lambda: Wiedemann99Sumo(**{name: jnp.asarray(value) for name, value in W99.items()}),
+    "W99 of VISSIM": lambda: Wiedemann99Vissim(**{name: jnp.asarray(value) for name, value in W99.items()}),
 }
+# Two laws are IDM's and Krauss's only. Both W99 judge by thresholds, at which the acceleration jumps: with more gap a
+# driver may pass from keeping his speed to closing in. And SUMO's wants CC8 + CC9 v + random, of which SUMO grants CC8.
 every_model = pytest.mark.parametrize("name", MODELS)
 jitted_replay = jax.jit(replay, static_argnames="step_s")
 

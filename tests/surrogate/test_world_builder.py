@@ -13,7 +13,7 @@ import pytest
 
 from sim_adapters.errors import ScenarioError
 from sim_adapters.interface import ParameterLayout
-from sim_adapters.road_builder import LONGEST_CELL_M
+from sim_adapters.road_builder import CELL_LENGTH_M
 from sim_adapters.scenario import Scenario
 from sim_adapters.world_builder import WorldTemplate, build_template
 from surrogate.step import World
@@ -153,8 +153,8 @@ def test_positions_are_looked_up_in_the_segment_that_holds_them(template: WorldT
     ends = np.asarray(template.road.segment_end_m)
     position = places_to_look_up(ends)
     behind_short = np.zeros(len(position), bool)
-    for end in ends[1:-1][np.diff(ends[:-1]) < LONGEST_CELL_M]:
-        behind_short |= (position >= end) & (position < end + LONGEST_CELL_M)
+    for end in ends[1:-1][np.diff(ends[:-1]) < CELL_LENGTH_M]:
+        behind_short |= (position >= end) & (position < end + CELL_LENGTH_M)
     position = position[~behind_short]
     expected = np.searchsorted(ends, position, side="right")
     np.testing.assert_array_equal(np.asarray(template.road.segment_at(jnp.asarray(position))), expected)
