@@ -14,7 +14,7 @@ from surrogate.step import Clock
 DECISION_INTERVAL_S = (
     1.0  # twice as fast as 0.5 s, and the discrepancy from SUMO is learnt anyway; see docs/surrogate.md
 )
-SPARE_CAPACITY = 1.25  # candidates may be denser than the field
+SPARE_CAPACITY = 1.35  # candidates may be denser than the field
 RAMP_VEHICLES = 32
 OBJECTS_PER_ROW = 32
 

@@ -21,7 +21,7 @@ from surrogate.step import Clock
 VEHICLES_PER_DEVICE = 16384  # places of all runs of a device together: their arrays fit into a core's cache
 LEAST_RUNS_PER_DEVICE, MOST_RUNS_PER_DEVICE = 4, 16
 CAPACITY_STEP = 32
-MOST_OVERFULL_SHARE = 0.25  # of the runs of one call; then the room is too small, not the candidate odd
+MOST_OVERFULL_SHARE = 0.75  # of the runs of one call; then the room is too small, not the candidates too dense
 # Steps of overlap allowed in all and per vehicle; SUMO goes on after a collision as well, and Wiedemann's drivers, who
 # react late by design, touch now and then where lanes merge.
 COLLISION_STEPS_ALLOWED = 100

@@ -115,32 +115,35 @@ def observe_batch(
 
     decisions_per_frame = max(1, plan.steps_per_frame // clock.steps_per_decision)
     frames_per_decision = max(1, clock.steps_per_decision // plan.steps_per_frame)
-    steps = min(plan.steps_per_frame, clock.steps_per_decision)
-    # SUMO's lane changes lie anywhere between two frames; here they lie in the middle
-    first_steps = -(-steps // 2) if plan.steps_per_frame <= clock.steps_per_decision else steps
     cycles_per_block = max(1, round(plan.block_s / clock.step_s / max(plan.steps_per_frame, clock.steps_per_decision)))
+    # SUMO's lane changes lie anywhere between two frames; here they lie in the middle
+    steps = min(plan.steps_per_frame, clock.steps_per_decision)
+    steps_after = -(-steps // 2)
+    steps_before = steps - steps_after
 
-    def seen(_: Int[Array, ""], carry: tuple[TrafficState, ObserverState]) -> tuple[TrafficState, ObserverState]:
-        def one(state: TrafficState, observed: ObserverState, world: World) -> tuple[TrafficState, ObserverState]:
+    def seen(_: int, carry: tuple[TrafficState, ObserverState]) -> tuple[TrafficState, ObserverState]:
+        def frame(
+            number: Int[Array, ""], carry: tuple[TrafficState, ObserverState], world: World
+        ) -> tuple[TrafficState, ObserverState]:
+            state, observed = carry
             for _ in range(decisions_per_frame - 1):
                 state = advance(state, world, clock)
-            state = settle_lanes(state, world, clock)
+            state = move_on(state, world, clock.step_s, steps_before)
+            state = jax.lax.cond(number == 0, lambda s: settle_lanes(s, world, clock), lambda s: s, state)
+            state = move_on(state, world, clock.step_s, steps_after)
+            time_s = state.step.astype(jnp.float32) * clock.step_s
+            with jax.named_scope("perceive"):
+                state, seen_now = perceive(state, world.road, sensor, subject_class, time_s)
+            in_time = time_s <= end_s + 0.5 * clock.step_s
+            seen_now = eqx.tree_at(lambda one: one.valid, seen_now, seen_now.valid & in_time)
+            with jax.named_scope("observe"):
+                return state, observer.update(observed, seen_now)
 
-            def frame(number: int, carry: tuple[TrafficState, ObserverState]) -> tuple[TrafficState, ObserverState]:
-                state, observed = carry
-                state = move_on(state, world, clock.step_s, jnp.where(number == 0, first_steps, steps))
-                time_s = state.step.astype(jnp.float32) * clock.step_s
-                with jax.named_scope("perceive"):
-                    state, seen_now = perceive(state, world.road, sensor, subject_class, time_s)
-                in_time = time_s <= end_s + 0.5 * clock.step_s
-                seen_now = eqx.tree_at(lambda frame: frame.valid, seen_now, seen_now.valid & in_time)
-                with jax.named_scope("observe"):
-                    return state, observer.update(observed, seen_now)
+        def frames(number: Int[Array, ""], carry: tuple[TrafficState, ObserverState]) -> Any:
+            # the number is not batched, so the decision stays a branch that is skipped
+            return jax.vmap(lambda s, o, w: frame(number, (s, o), w), in_axes=(0, 0, axes))(*carry, worlds)
 
-            state, observed = jax.lax.fori_loop(0, frames_per_decision, frame, (state, observed))
-            return move_on(state, world, clock.step_s, steps - first_steps), observed
-
-        return jax.vmap(one, in_axes=(0, 0, axes))(*carry, worlds)
+        return jax.lax.fori_loop(0, frames_per_decision, frames, carry)
 
     def block(
         carry: tuple[TrafficState, ObserverState, Int[Array, " run"]],

@@ -142,7 +142,7 @@ def settle_lanes(state: TrafficState, world: World, clock: Clock) -> TrafficStat
     )
 
 
-def move_on(state: TrafficState, world: World, step_s: float, num_steps: int | Int[Array, ""]) -> TrafficState:
+def move_on(state: TrafficState, world: World, step_s: float, num_steps: int) -> TrafficState:
     """Return the state after some steps in which everybody stays in his lane."""
     cooperative = []
     for vehicle_class in world.classes:
