@@ -22,7 +22,7 @@ from jaxcalib.engines import prepare_devices, sumo_engine, surrogate_engine
 from jaxcalib.initial_values.initial_point import find_initial_point
 from jaxcalib.journal import JournaledSumo, JournaledSurrogate
 from jaxcalib.outputs import write_outputs
-from jaxcalib.parameter_space import round_values
+from jaxcalib.parameter_space import parameter_space, round_values
 from jaxcalib.problem import CalibrationProblem, read_problem
 from jaxcalib.progress import Progress, Silent
 from jaxcalib.result import CalibrationResult
@@ -74,6 +74,8 @@ def calibrate(
     chosen = settings if isinstance(settings, Settings) else read_settings(settings)
     prepare_devices(len(os.sched_getaffinity(0)))
     problem = read_problem(case)
+    demand = problem.template.base_demand_vehph()
+    parameter_space(problem.layout, problem.model, demand, chosen.scaling_factor, chosen.bounds)  # are they sound?
     options = {"seed": seed, "budget": budget, "settings": repr(chosen)}
     if out is None:
         with tempfile.TemporaryDirectory(prefix="jaxcalib-") as folder:

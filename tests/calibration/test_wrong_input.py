@@ -148,4 +148,4 @@ def test_wrong_settings(text: str, place: str, case: Path, capsys: pytest.Captur
     lines = capsys.readouterr().err.splitlines()
     assert len(lines) == 1
     assert place in lines[0]
-    assert not (case.parent / "run" / "result.json").exists()
+    assert not (case.parent / "run").exists()
