@@ -1,6 +1,7 @@
 """Figures of the report, as SVG text: the same bytes for the same result."""
 
 import io
+import re
 from collections.abc import Sequence
 from typing import Any
 
@@ -158,5 +159,5 @@ def _svg(draw: object, width_in: float, height_in: float) -> str:
         draw(figure.add_subplot())  # pyright: ignore[reportCallIssue]
         stream = io.StringIO()
         figure.savefig(stream, format="svg", metadata={"Date": None, "Creator": None})
-    text = stream.getvalue()
+    text = re.sub(r"\s*<metadata>.*?</metadata>", "", stream.getvalue(), flags=re.DOTALL)
     return text[text.index("<svg") :]
