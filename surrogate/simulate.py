@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from surrogate.perception import PerceptionFrame, Sensor, perceive
-from surrogate.step import Clock, World, advance, initial_state, move_on, settle_lanes
+from surrogate.step import Clock, World, initial_state, move_on, settle_lanes
 from surrogate.traffic_state import TrafficState
 
 ObserverState = Any
@@ -110,9 +110,6 @@ def observe_batch(
     def first(world: World) -> TrafficState:
         return initial_state(world, plan.capacity)
 
-    def unseen(_: Int[Array, ""], states: TrafficState) -> TrafficState:
-        return jax.vmap(lambda state, world: advance(state, world, clock), in_axes=(0, axes))(states, worlds)
-
     decisions_per_frame = max(1, plan.steps_per_frame // clock.steps_per_decision)
     frames_per_decision = max(1, clock.steps_per_decision // plan.steps_per_frame)
     cycles_per_block = max(1, round(plan.block_s / clock.step_s / max(plan.steps_per_frame, clock.steps_per_decision)))
@@ -121,13 +118,21 @@ def observe_batch(
     steps_after = -(-steps // 2)
     steps_before = steps - steps_after
 
+    def cycle(state: TrafficState, world: World) -> TrafficState:
+        # the same phase as where frames are seen, so that a run does not depend on when its batch begins to look
+        state = settle_lanes(move_on(state, world, clock.step_s, steps_before), world, clock)
+        return move_on(state, world, clock.step_s, clock.steps_per_decision - steps_before)
+
+    def unseen(_: Int[Array, ""], states: TrafficState) -> TrafficState:
+        return jax.vmap(cycle, in_axes=(0, axes))(states, worlds)
+
     def seen(_: int, carry: tuple[TrafficState, ObserverState]) -> tuple[TrafficState, ObserverState]:
         def frame(
             number: Int[Array, ""], carry: tuple[TrafficState, ObserverState], world: World
         ) -> tuple[TrafficState, ObserverState]:
             state, observed = carry
             for _ in range(decisions_per_frame - 1):
-                state = advance(state, world, clock)
+                state = cycle(state, world)
             state = move_on(state, world, clock.step_s, steps_before)
             state = jax.lax.cond(number == 0, lambda s: settle_lanes(s, world, clock), lambda s: s, state)
             state = move_on(state, world, clock.step_s, steps_after)
