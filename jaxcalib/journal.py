@@ -35,7 +35,8 @@ class Journal:
         self._folder = folder
         self._outcomes: dict[str, RunOutcome] = {}
         self._next_part = 0
-        self.served_s = 0.0  # time that runs took which are now served from parts
+        self._share_s: dict[str, float] = {}  # time that runs of parts took, until they are asked for
+        self._replayed_s = 0.0
         if folder is not None:
             folder.mkdir(exist_ok=True)
             for file in sorted(folder.glob("part-*.npz")):
@@ -49,7 +50,13 @@ class Journal:
 
     def find(self, engine: str, request: RunRequest) -> RunOutcome | None:
         """Return the outcome of a run, if it is known."""
-        return self._outcomes.get(key_of(engine, request))
+        key = key_of(engine, request)
+        self._replayed_s += self._share_s.pop(key, 0.0)
+        return self._outcomes.get(key)
+
+    def clock(self) -> float:
+        """Return a time in seconds that goes on by what replayed runs once took, so that resumed runs time alike."""
+        return time.perf_counter() + self._replayed_s
 
     def add(self, engine: str, outcomes: Sequence[RunOutcome], elapsed_s: float) -> None:
         """Keep outcomes.
@@ -73,8 +80,8 @@ class Journal:
         except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
             file.unlink()  # damaged; its runs are made again
             return
-        self.served_s += float(columns["elapsed_s"])
         for row, key in enumerate(columns["key"].tolist()):
+            self._share_s[key] = float(columns["elapsed_s"]) / len(columns["key"])
             self._outcomes[key] = _outcome_of(columns, row)
 
 

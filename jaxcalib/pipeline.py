@@ -1,6 +1,5 @@
 """One call calibrates a case: initial values, two stages in the surrogate, confirmation in SUMO, final errors."""
 
-import logging
 import os
 import tempfile
 import time
@@ -11,16 +10,16 @@ from pathlib import Path
 
 import numpy as np
 
-from jaxcalib.calibration.budget import plan_budget
-from jaxcalib.calibration.confirmation import confirm
+from jaxcalib.calibration.budget import Budget, plan_budget
+from jaxcalib.calibration.confirmation import Confirmation, confirm
 from jaxcalib.calibration.evaluator import Evaluator
 from jaxcalib.calibration.final_errors import FinalRuns, start_final_runs
 from jaxcalib.calibration.record import CalibrationRecord
 from jaxcalib.calibration.two_stage import search_two_stages
 from jaxcalib.case import Role
 from jaxcalib.engines import prepare_devices, sumo_engine, surrogate_engine
-from jaxcalib.initial_values.initial_point import find_initial_point
-from jaxcalib.journal import JournaledSumo, JournaledSurrogate
+from jaxcalib.initial_values.initial_point import InitialPoint, find_initial_point
+from jaxcalib.journal import Journal, JournaledSumo, JournaledSurrogate
 from jaxcalib.outputs import write_outputs
 from jaxcalib.parameter_space import parameter_space, round_values
 from jaxcalib.problem import CalibrationProblem, read_problem
@@ -29,8 +28,7 @@ from jaxcalib.result import CalibrationResult
 from jaxcalib.result_tables import build_result
 from jaxcalib.run_folder import RunFolder, identify, open_run_folder
 from jaxcalib.settings import Settings, read_settings
-
-log = logging.getLogger(__name__)
+from sim_adapters.jax_simulator import JaxSimulator
 
 # First seeds of each kind of run; no two kinds share one. SUMO takes 32 bits.
 SEEDS_PER_CALIBRATION = 1_000_000
@@ -97,7 +95,7 @@ def _calibrate(
 ) -> CalibrationResult:
     plan = plan_budget(problem, scale)
     first_seed = seed * SEEDS_PER_CALIBRATION
-    stopwatch = Stopwatch()
+    stopwatch = Stopwatch(run_folder.journal.clock)
     stopwatch.add("reading", time.perf_counter() - began)
     progress.plan(plan.num_surrogate_runs, plan.num_sumo_runs)
     journal = run_folder.journal
@@ -126,7 +124,7 @@ def _calibrate(
             first_seed + SEARCH_SEED,
             progress.surrogate_runs,
         )
-        found = search_two_stages(problem, initial, surrogate, settings, plan, seed, progress)
+        found = search_two_stages(problem, initial, surrogate, settings, plan, seed, progress, journal.clock)
         for name, wall_s in found.wall_s.items():
             stopwatch.add(name, wall_s)
         confirming = Evaluator(sumo, problem.departs_s("fit"), first_seed + CONFIRMATION_SEED, progress.sumo_runs)
@@ -134,6 +132,7 @@ def _calibrate(
             confirmation = confirm(
                 found, initial, surrogate, confirming, plan, progress, lambda: stopwatch.start("corrected_search")
             )
+        on_held_out = surrogate_on_held_out(problem, engine, journal, initial, confirmation, plan, first_seed)
         progress.stage("final_errors")
         with stopwatch.time("final_errors"):
             calibrated = start_final(initial.space.values_of(confirmation.best[None])[0], plan.final_runs)
@@ -159,21 +158,42 @@ def _calibrate(
             **{f"final_{role}": first_seed + one for role, one in FINAL_SEEDS.items()},
         },
         num_surrogate_runs=surrogate.num_runs,
+        surrogate_on_held_out=on_held_out,
         num_sumo_processes=processes,
         wall_s=stopwatch.wall_s,
     )
     progress.stage("report")
-    record.wall_s["total"] = time.perf_counter() - began + journal.served_s
+    record.wall_s["total"] = journal.clock() - began
     result = build_result(record)
     write_outputs(record, result, run_folder)
     return result
 
 
+def surrogate_on_held_out(
+    problem: CalibrationProblem,
+    engine: JaxSimulator,
+    journal: Journal,
+    initial: InitialPoint,
+    confirmation: Confirmation,
+    plan: Budget,
+    first_seed: int,
+) -> np.ndarray | None:
+    """Return the surrogate's pooled tallies of the result on held-out drives: for the report, nothing is chosen."""
+    departs_s = problem.departs_s("held_out")
+    if not departs_s:
+        return None
+    evaluator = Evaluator(JournaledSurrogate(engine, journal), departs_s, first_seed + FINAL_SEEDS["held_out"])
+    values = initial.space.values_of(confirmation.best[None])
+    pooled = evaluator.evaluate(values, evaluator.rounds_of(plan.noise_runs)).pooled[0]
+    return pooled if np.isfinite(pooled).all() else None
+
+
 class Stopwatch:
     """Adds up the time of each part."""
 
-    def __init__(self) -> None:
+    def __init__(self, clock: Callable[[], float]) -> None:
         """Begin with nothing."""
+        self._clock = clock
         self.wall_s: dict[str, float] = {}
 
     def add(self, name: str, wall_s: float) -> None:
@@ -191,5 +211,5 @@ class Stopwatch:
 
     def start(self, name: str) -> Callable[[], None]:
         """Start to time a part; return what is called at its end."""
-        began = time.perf_counter()
-        return lambda: self.add(name, time.perf_counter() - began)
+        began = self._clock()
+        return lambda: self.add(name, self._clock() - began)

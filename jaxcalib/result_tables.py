@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 
-from jaxcalib.calibration.accuracy import VEHICLE_LEVEL
 from jaxcalib.calibration.final_errors import ROLES, FinalErrors, FinalRuns, final_errors, with_outcomes
 from jaxcalib.calibration.record import CalibrationRecord
 from jaxcalib.calibration.screening import Screening
@@ -115,10 +114,11 @@ def _mops(record: CalibrationRecord, notes: dict[str, str]) -> dict[str, dict[st
     surrogate = record.confirmation.confirmed[record.confirmation.winner].surrogate
     sources: dict[str, dict[str, np.ndarray | None]] = {
         "field": {role: problem.field_of(role).sum(axis=0) for role in ROLES},
-        "surrogate": {"fit": surrogate, "held_out": None},
+        "surrogate": {"fit": surrogate, "held_out": record.surrogate_on_held_out},
         "sumo": {role: record.calibrated[role].tally.sum(axis=0) for role in ROLES},
     }
-    notes["mops.surrogate.held_out"] = "the surrogate is not run on held-out drives"
+    if record.surrogate_on_held_out is None:
+        notes["mops.surrogate.held_out"] = "no held-out drive, or the surrogate failed on them"
     return {
         source: {
             role: {} if tally is None else _measured(record, f"mops.{source}.{role}", tally, notes)
@@ -283,6 +283,3 @@ def _rounded(value: float | None) -> float | None:
     if value is None or not np.isfinite(value):
         return None
     return float(f"{value:.{DIGITS}g}")
-
-
-__all__ = ["VEHICLE_LEVEL", "build_result"]

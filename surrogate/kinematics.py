@@ -7,7 +7,7 @@ from surrogate.car_following.base import FollowingSituation
 from surrogate.keyed_random import Purpose, uniform
 from surrogate.lane_change.surroundings import desired_speed_mps
 from surrogate.neighbours import own_leader
-from surrogate.traffic_state import VehicleArrays
+from surrogate.traffic_state import VehicleArrays, with_changes
 from surrogate.vehicle_class import CarFollowingMix, VehicleClass, select_by_class
 
 Value = Float[Array, " vehicle"]
@@ -77,7 +77,7 @@ def move(
     new_v = jnp.where(is_vehicle, jnp.maximum(0.0, v + step_s * acceleration), 0.0)
     collided = jnp.sum(is_vehicle & leader.exists & (gap_m < 0.0))
     moved = jnp.where(is_vehicle, vehicles.position_m + step_s * new_v, vehicles.position_m)
-    vehicles = _replace(
+    vehicles = with_changes(
         vehicles, position_m=moved, speed_mps=new_v, acceleration_mps2=jnp.where(is_vehicle, (new_v - v) / step_s, 0.0)
     )
     return vehicles, collided
@@ -112,8 +112,3 @@ def _random(
         return of_step
     kept = uniform(seed, vehicles.identity, BEFORE_ALL_STEPS, Purpose.CAR_FOLLOWING)
     return jnp.where(select_by_class([jnp.asarray(k) for k in is_kept], vehicles.vehicle_class), kept, of_step)
-
-
-def _replace(vehicles: VehicleArrays, **changes: Array) -> VehicleArrays:
-    fields = {name: getattr(vehicles, name) for name in VehicleArrays.__dataclass_fields__}
-    return VehicleArrays(**(fields | changes))

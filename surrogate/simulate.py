@@ -35,7 +35,9 @@ class Observer(Protocol):
 
 
 class RunRecord(eqx.Module):
-    """What is left of a run.
+    """What is left of a run, up to the end of the block in which its subject vehicle arrives.
+
+    What happens later depends on how long others of the batch drive, and is nobody's business.
 
     Attributes:
         observed: what the observer made of the drive.
@@ -150,14 +152,17 @@ def observe_batch(
 
         return jax.lax.fori_loop(0, frames_per_decision, frames, carry)
 
-    def block(
-        carry: tuple[TrafficState, ObserverState, Int[Array, " run"]],
-    ) -> tuple[TrafficState, ObserverState, Int[Array, " run"]]:
-        states, observed, most = carry
+    def block(carry: tuple[TrafficState, ObserverState, RunRecord]) -> tuple[TrafficState, ObserverState, RunRecord]:
+        states, observed, record = carry
+        is_over = states.subject_left
         states, observed = jax.lax.fori_loop(0, cycles_per_block, seen, (states, observed))
-        return states, observed, jnp.maximum(most, _num_on_road(states))
+        later = _record(states, record.num_on_road)
+        kept = jax.tree.map(
+            lambda old, new: jnp.where(is_over.reshape(-1, *[1] * (new.ndim - 1)), old, new), record, later
+        )
+        return states, observed, kept
 
-    def goes_on(carry: tuple[TrafficState, ObserverState, Int[Array, " run"]]) -> Bool[Array, ""]:
+    def goes_on(carry: tuple[TrafficState, ObserverState, RunRecord]) -> Bool[Array, ""]:
         states = carry[0]
         is_early = states.step[0].astype(jnp.float32) * clock.step_s < end_s
         return is_early & ~jnp.all(states.subject_left)
@@ -169,12 +174,18 @@ def observe_batch(
     states = jax.lax.fori_loop(0, num_unseen, unseen, jax.vmap(first, in_axes=(axes,), axis_size=num_runs)(worlds))
     start = observer.start()
     observed = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (num_runs, *jnp.shape(leaf))), start)
-    states, observed, most = jax.lax.while_loop(goes_on, block, (states, observed, _num_on_road(states)))
+    record = _record(states, _num_on_road(states))
+    _, observed, record = jax.lax.while_loop(goes_on, block, (states, observed, record))
+    return eqx.tree_at(lambda r: r.observed, record, jax.vmap(observer.finish)(observed))
+
+
+def _record(states: TrafficState, num_on_road: Int[Array, " run"]) -> RunRecord:
+    """Return what is known of runs by now; what they observed is filled in at the end."""
     return RunRecord(
-        observed=jax.vmap(observer.finish)(observed),
+        observed=jnp.zeros_like(states.step),
         num_arrived=states.num_arrived,
         num_inserted=states.num_inserted,
-        num_on_road=most,
+        num_on_road=jnp.maximum(num_on_road, _num_on_road(states)),
         num_collisions=states.num_collisions,
         num_lost=states.num_lost,
         num_lane_changes=states.num_lane_changes,

@@ -13,7 +13,7 @@ from surrogate.lane_change.lc2013 import Lc2013
 from surrogate.lane_change.surroundings import Place
 from surrogate.reorder import Moves, new_order, rearrange
 from surrogate.road import Road
-from surrogate.traffic_state import TrafficState, VehicleArrays, empty_vehicles
+from surrogate.traffic_state import TrafficState, VehicleArrays, empty_vehicles, with_changes
 from surrogate.vehicle_class import VehicleClass, select_by_class
 
 
@@ -93,7 +93,7 @@ def settle_lanes(state: TrafficState, world: World, clock: Clock) -> TrafficStat
     with jax.named_scope("lane_change"):
         place = Place(state.vehicles, world.road, state.head)
         decision = decide(place, world.classes, clock.interval_s, clock.step_s)
-    vehicles = _replace(
+    vehicles = with_changes(
         state.vehicles,
         own_advice_mps2=decision.own_advice_mps2,
         asked_advice_mps2=decision.asked_advice_mps2,
@@ -119,7 +119,7 @@ def settle_lanes(state: TrafficState, world: World, clock: Clock) -> TrafficStat
     with jax.named_scope("reorder"):
         order = new_order(moves, vehicles, state.head)
         row = jnp.where(order.has_moved, decision.target_row, vehicles.row)
-        vehicles = _look_up_lane(_replace(vehicles, row=row), place)
+        vehicles = _look_up_lane(with_changes(vehicles, row=row), place)
         newcomers = candidates.vehicles
         vehicles = rearrange(vehicles, newcomers, order)
     subject_class = len(world.classes) - 1
@@ -164,18 +164,13 @@ def move_on(state: TrafficState, world: World, step_s: float, num_steps: int) ->
 def _look_up_lane(vehicles: VehicleArrays, place: Place) -> VehicleArrays:
     """Return the vehicles with what the road demands of them in the row they are in now."""
     row = jnp.minimum(vehicles.row, place.road.num_rows - 1)
-    return _replace(
+    return with_changes(
         vehicles,
         speed_limit_mps=place.at_row(place.road.speed_limit_mps, row),
         slow_position_m=place.at_row(place.road.slow_position_m, row),
         slow_limit_mps=place.at_row(place.road.slow_limit_mps, row),
         stop_position_m=place.on_route(place.road.stop_position_m, row),
     )
-
-
-def _replace(vehicles: VehicleArrays, **changes: Array) -> VehicleArrays:
-    fields = {name: getattr(vehicles, name) for name in VehicleArrays.__dataclass_fields__}
-    return VehicleArrays(**(fields | changes))
 
 
 __all__ = ["ENTRANCE_STRIDE", "Clock", "Queues", "World", "advance", "initial_state", "move_on", "settle_lanes"]

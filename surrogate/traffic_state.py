@@ -65,6 +65,12 @@ class VehicleArrays(eqx.Module):
         return self.vehicle_class >= 0
 
 
+def with_changes(vehicles: VehicleArrays, **changes: Array) -> VehicleArrays:
+    """Return the vehicles with other values in some of the arrays."""
+    fields = {name: getattr(vehicles, name) for name in VehicleArrays.__dataclass_fields__}
+    return VehicleArrays(**(fields | changes))
+
+
 class TrafficState(eqx.Module):
     """All that the next step needs.
 

@@ -88,7 +88,7 @@ def confirm(
         sumo: evaluator of SUMO, on seeds that no search has seen.
         budget: numbers of runs.
         progress: told of the stage.
-        on_search_s: called when the search goes on; returns what is called when it pauses.
+        on_search_s: called when the surrogate goes on; returns what is called when it pauses.
     """
     progress.stage(CONFIRMATION)
     space, objective = initial.space, found.objective
@@ -105,7 +105,9 @@ def confirm(
         values = space.values_of(unit[None])
         in_sumo = sumo.evaluate(values, num_sumo)
         outcomes += in_sumo.outcomes[0]
+        stop = on_search_s()
         in_surrogate = surrogate.evaluate(values, num_surrogate, NOISE_OFFSET)
+        stop()
         if not in_sumo.is_ok[0] or not in_surrogate.is_ok[0]:
             break
         run = SearchRun(surrogate, space, objective, course)

@@ -10,7 +10,6 @@ from jaxcalib.calibration.search_box import SearchBox
 from jaxcalib.calibration.search_run import Judged
 from jaxcalib.search.response_surface import ResponseSurface, fit_response_surface
 
-INSIDE = 1e-6  # of the unit range: values are rounded
 RADIUS = 0.5  # of the box: the whole of it
 NOISELESS_RUNS = 100_000  # the noise of single candidates averages out over the surface
 
@@ -29,10 +28,8 @@ def local_surface(
     points, residuals, weights = [], [], []
     for one in judged:
         at = objective.residuals(one.unit, one.pooled, NOISELESS_RUNS)
-        in_box = box.box_of(one.unit)
-        is_inside = np.abs(box.unit_of(in_box)[:, box.chosen] - one.unit[:, box.chosen]).max(axis=1) < INSIDE
-        chosen = is_inside & np.isfinite(at).all(axis=1)
-        points.append(in_box[chosen])
+        chosen = box.holds(one.unit) & np.isfinite(at).all(axis=1)
+        points.append(box.box_of(one.unit)[chosen])
         residuals.append(at[chosen])
         weights.append(np.full((int(chosen.sum()), at.shape[1]), float(one.num_runs)))
     return fit_response_surface(

@@ -1,7 +1,7 @@
 """SAGA on the critical parameters, and the joint polish of all that the data can move."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
@@ -14,7 +14,6 @@ from jaxcalib.search.evaluated_points import EvaluatedPoints, append_points
 
 GENERATION_OFFSET = 1_000  # of the seeds
 NUM_SHORTLISTED = 3
-INSIDE = 1e-6  # of the unit range: values are rounded
 
 
 @dataclass(frozen=True)
@@ -115,14 +114,7 @@ def _evaluated(run: SearchRun, box: SearchBox, known: Sequence[Judged], num_runs
     evaluated = None
     for judged in known:
         residuals = run.objective.residuals(judged.unit, judged.pooled, num_runs)
-        points = box.box_of(judged.unit)
-        is_inside = np.abs(box.unit_of(points) - judged.unit).max(axis=1) < INSIDE
-        is_counted = is_inside & np.isfinite(residuals).all(axis=1)
+        is_counted = box.holds(judged.unit) & np.isfinite(residuals).all(axis=1)
         weights = np.full_like(residuals, judged.num_runs / num_runs)
-        evaluated = append_points(evaluated, points, residuals, weights, is_counted)
+        evaluated = append_points(evaluated, box.box_of(judged.unit), residuals, weights, is_counted)
     return evaluated if evaluated is not None and len(evaluated.points) else None
-
-
-def with_population(config: SagaConfig, population_size: int, num_generations: int) -> SagaConfig:
-    """Return the options with another size."""
-    return replace(config, population_size=population_size, num_generations=num_generations)

@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from jaxcalib.calibration.budget import Budget
 from jaxcalib.calibration.confirmation import Confirmation
 from jaxcalib.calibration.final_errors import FinalRuns
@@ -27,7 +29,8 @@ class CalibrationRecord:
         calibrated: SUMO runs of the result, by role of the drives.
         uncalibrated: SUMO runs of the scenario as it was.
         search_seeds: first seed of each kind of run.
-        num_surrogate_runs: runs of the surrogate.
+        num_surrogate_runs: runs of the search in the surrogate.
+        surrogate_on_held_out: the surrogate's pooled tallies of the result on held-out drives; None where it has none.
         num_sumo_processes: SUMO runs side by side.
         wall_s: time of each part.
     """
@@ -43,5 +46,6 @@ class CalibrationRecord:
     uncalibrated: dict[Role, FinalRuns]
     search_seeds: dict[str, int]
     num_surrogate_runs: int
+    surrogate_on_held_out: np.ndarray | None
     num_sumo_processes: int
     wall_s: dict[str, float] = field(default_factory=dict)

@@ -4,9 +4,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 NARROWEST = 1e-3  # of the unit range
+INSIDE = 1e-6  # of the unit range: values are rounded
 
 
 @dataclass(frozen=True)
@@ -34,6 +35,11 @@ class SearchBox:
     def box_of(self, unit: Float[np.ndarray, "candidate parameter"]) -> Float[np.ndarray, "candidate chosen"]:
         """Return points of the box for points of the unit cube; those outside end up on its border."""
         return np.clip((unit[:, self.chosen] - self.lower) / (self.upper - self.lower), 0.0, 1.0)
+
+    def holds(self, unit: Float[np.ndarray, "candidate parameter"]) -> Bool[np.ndarray, " candidate"]:
+        """Return which points of the unit cube lie in the box; parameters that it does not search may be anywhere."""
+        nearest = self.unit_of(self.box_of(unit))[:, self.chosen]
+        return np.abs(nearest - unit[:, self.chosen]).max(axis=1) < INSIDE
 
 
 def search_box(

@@ -13,9 +13,9 @@ from jaxcalib.calibration.gradient_refinement import GradientRefinement, refine
 from jaxcalib.calibration.local_surface import local_surface
 from jaxcalib.calibration.objective import LogEvidence, Objective
 from jaxcalib.calibration.objective_choice import choose_objective
-from jaxcalib.calibration.optimisation import Optimisation, optimise, polish, with_population
+from jaxcalib.calibration.optimisation import Optimisation, optimise, polish
 from jaxcalib.calibration.screening import Screening, screen, small_array
-from jaxcalib.calibration.search_box import SearchBox, search_box
+from jaxcalib.calibration.search_box import search_box
 from jaxcalib.calibration.search_run import CourseEntry, Judged, SearchRun, best_of
 from jaxcalib.initial_values.initial_point import InitialPoint
 from jaxcalib.measures.measure import Level
@@ -139,10 +139,12 @@ def search_two_stages(
     critical_box = search_box(held, critical, half_width)
     explored = [_again(run, exploration.cases), _again(run, exploration.shortlist)]
     seeds = np.vstack([held, start, best_of(explored, 4)])
-    config = with_population(
-        SagaConfig(accuracy_threshold=threshold, stop_at_threshold=settings.literal, literal=settings.literal),
-        budget.population_size,
-        budget.num_generations,
+    config = SagaConfig(
+        population_size=budget.population_size,
+        num_generations=budget.num_generations,
+        accuracy_threshold=threshold,
+        stop_at_threshold=settings.literal,
+        literal=settings.literal,
     )
     saga = optimise(run, critical_box, seeds, num_runs, config, seed, OPTIMISATION)
     progress.best(saga.best_accuracy)
@@ -222,6 +224,3 @@ def _has_drifted(objective: Objective, flow: Judged) -> bool:
     misfit = np.sum(flow.residuals**2, axis=1)
     noise = np.sqrt(2.0 * len(objective.moments.names))  # of a chi-square
     return bool(misfit[1] - misfit[0] > DRIFT * noise)
-
-
-__all__ = ["EXPLORATION", "OPTIMISATION", "STAGE_1", "SearchBox", "TwoStageResult", "search_two_stages"]

@@ -7,7 +7,7 @@ from toy import RESPONSE, SPACE, TRUTH, ToySimulator, toy_objective, toy_run
 from jaxcalib.calibration.evaluator import AllRunsFailedError, Evaluator
 from jaxcalib.calibration.local_surface import local_surface
 from jaxcalib.calibration.objective import LogEvidence
-from jaxcalib.calibration.optimisation import optimise, polish, with_population
+from jaxcalib.calibration.optimisation import optimise, polish
 from jaxcalib.calibration.screening import screen, smallest_array
 from jaxcalib.calibration.search_box import search_box
 from jaxcalib.search import SagaConfig, TrustRegionConfig
@@ -49,7 +49,7 @@ def test_a_failing_region_never_wins_and_never_enters_a_mean():
 
 def test_saga_and_polish_come_closer_to_the_truth():
     run = toy_run()
-    config = with_population(SagaConfig(stop_at_threshold=False), 12, 6)
+    config = SagaConfig(population_size=12, num_generations=6, stop_at_threshold=False)
     saga = optimise(run, WHOLE, START[None], 8, config, 3, "optimise")
     assert np.abs(saga.best - TRUTH).max() < 0.25
     done = polish(run, WHOLE, saga.best, 32, TrustRegionConfig(num_iterations=3), "optimise", saga.rounds)
