@@ -54,12 +54,13 @@ class Evaluator:
         self._departs_s = departs_s
         self._first_seed = first_seed
         self._on_runs = on_runs
+        self._num_tallies = 0  # not known before the first run that succeeds
         self.num_runs = 0
 
     def rounds_of(self, num_runs: int) -> int:
         """Return a number of runs near the wanted one in which each drive occurs equally often."""
-        distinct = len(set(self._departs_s))
-        return max(1, round(num_runs / distinct)) * distinct
+        per_round = len(self._interleaved_departs_s())
+        return max(1, round(num_runs / per_round)) * per_round
 
     def requests(self, values: Float[np.ndarray, " parameter"], num_runs: int, offset: int = 0) -> list[RunRequest]:
         """Return the runs of one candidate."""
@@ -86,21 +87,27 @@ class Evaluator:
         self.num_runs += len(requests)
         if self._on_runs is not None:
             self._on_runs(len(requests))
-        return gather([outcomes[i : i + num_runs] for i in range(0, len(outcomes), num_runs)])
+        evaluations = gather([outcomes[i : i + num_runs] for i in range(0, len(outcomes), num_runs)], self._num_tallies)
+        self._num_tallies = evaluations.tally.shape[2]
+        return evaluations
 
     def _interleaved_departs_s(self) -> list[float]:
         """Return the departures in an order in which any few in a row differ."""
         return sorted(set(self._departs_s)) if _is_even(self._departs_s) else list(self._departs_s)
 
 
-def gather(outcomes: list[list[RunOutcome]]) -> Evaluations:
+def gather(outcomes: list[list[RunOutcome]], num_tallies: int = 0) -> Evaluations:
     """Return the runs of several candidates as arrays.
 
+    Args:
+        outcomes: runs of each candidate.
+        num_tallies: length of a tally; 0 where it is not known yet.
+
     Raises:
-        RuntimeError: no run at all succeeded, so that not even the number of tallies is known.
+        AllRunsFailedError: no run succeeded, here or before.
     """
-    sizes = [len(run.observed) for runs in outcomes for run in runs if run.status.is_ok]
-    if not sizes:
+    sizes = [len(run.observed) for runs in outcomes for run in runs if run.status.is_ok] or [num_tallies]
+    if not sizes[0]:
         reasons = sorted({run.status.value for runs in outcomes for run in runs})
         tail = next((run.log_tail for runs in outcomes for run in runs if run.log_tail), "")
         raise AllRunsFailedError(f"all {sum(map(len, outcomes))} runs failed: {'; '.join(reasons)}", tail)

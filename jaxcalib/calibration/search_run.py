@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from jaxtyping import Bool, Float
 
-from jaxcalib.calibration.evaluator import Evaluator
+from jaxcalib.calibration.evaluator import AllRunsFailedError, Evaluator
 from jaxcalib.calibration.objective import Objective
 from jaxcalib.parameter_space import ParameterSpace
 
@@ -41,10 +41,12 @@ class Judged:
         """Place of the best candidate.
 
         Raises:
-            ValueError: all failed.
+            AllRunsFailedError: all failed.
         """
         if not self.is_ok.any():
-            raise ValueError("all candidates failed")
+            raise AllRunsFailedError(
+                "all candidates of a shortlist failed; narrow the bounds, or doubt the scenario", ""
+            )
         return int(np.nanargmax(self.accuracy))
 
 

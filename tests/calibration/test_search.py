@@ -79,6 +79,23 @@ def test_nothing_but_failures_is_said_plainly():
         evaluator.evaluate(SPACE.values_of(START[None]), 3)
 
 
+def test_a_round_without_success_is_survived_once_something_has_succeeded():
+    simulator = ToySimulator()
+    evaluator = Evaluator(simulator, (300.0,), 1)
+    evaluator.evaluate(SPACE.values_of(START[None]), 2)
+    simulator.failing = (0.0, 1.0)
+    found = evaluator.evaluate(SPACE.values_of(START[None]), 3)
+    assert not found.is_ok.any()
+    assert np.isnan(found.pooled).all()
+
+
+def test_runs_take_every_drive_equally_often_where_departures_are_uneven():
+    simulator = ToySimulator()
+    evaluator = Evaluator(simulator, (300.0, 320.0, 300.0), 1)
+    evaluator.evaluate(SPACE.values_of(START[None]), evaluator.rounds_of(5))
+    assert [request.depart_s for request in simulator.requests] == [300.0, 320.0, 300.0] * 2
+
+
 def test_surface_through_all_candidates_knows_the_slopes():
     run = toy_run()
     judged = [run.judge(np.random.default_rng(5).uniform(0.3, 0.7, (60, 3)), 16, "explore")]
