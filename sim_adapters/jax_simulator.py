@@ -14,6 +14,7 @@ from jaxtyping import Array, Float, Int
 
 from sim_adapters.interface import ParameterLayout, RunOutcome, RunRequest, Status
 from sim_adapters.world_builder import WorldTemplate
+from surrogate.materialise import COMPILER_OPTIONS
 from surrogate.perception import Sensor
 from surrogate.simulate import Observer, RunPlan, RunRecord, observe_batch
 from surrogate.step import Clock
@@ -127,7 +128,7 @@ class JaxSimulator:
                     jax.ShapeDtypeStruct((self._batch,), jnp.float32),
                 )
                 program = jax.jit(partial(self._observe, capacity=capacity))
-                self._programs[capacity] = program.lower(*shapes).compile()
+                self._programs[capacity] = program.lower(*shapes).compile(COMPILER_OPTIONS)
                 self.compile_s += time.perf_counter() - began
             return self._programs[capacity]
 

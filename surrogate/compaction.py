@@ -3,6 +3,9 @@
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
+from surrogate.materialise import materialise
+from surrogate.neighbours import take
+
 
 def first_true(mask: Bool[Array, " vehicle"], size: int) -> tuple[Int[Array, " chosen"], Bool[Array, " chosen"]]:
     """Return the indices of the first `size` true entries, and which of them there are.
@@ -11,8 +14,13 @@ def first_true(mask: Bool[Array, " vehicle"], size: int) -> tuple[Int[Array, " c
         mask: which entries are wanted.
         size: length of the answer; true entries beyond it are left out.
     """
-    place = jnp.cumsum(mask.astype(jnp.int32)) - 1
-    target = jnp.where(mask & (place < size), place, size)
-    index = jnp.zeros((size + 1,), jnp.int32)
-    index = index.at[target].max(jnp.arange(mask.shape[0], dtype=jnp.int32), mode="promise_in_bounds")[:size]
-    return index, jnp.arange(size) < place[-1] + 1
+    count = jnp.cumsum(mask.astype(jnp.int32))
+    number = jnp.arange(size, dtype=jnp.int32)
+    # the first entry by which more than `number` have been counted; a few halvings cost less than writing each entry
+    index = jnp.zeros((size,), jnp.int32)
+    last = mask.shape[0] - 1
+    for halving in range(last.bit_length() - 1, -1, -1):
+        further = index + (1 << halving)
+        is_short = take(count, jnp.minimum(further - 1, last)) <= number
+        index = materialise(jnp.where(is_short, jnp.minimum(further, last), index))
+    return index, number < count[-1]

@@ -6,6 +6,7 @@ from jaxtyping import Array, Float, Int
 from surrogate.car_following.base import FollowingSituation
 from surrogate.keyed_random import Purpose, uniform
 from surrogate.lane_change.surroundings import desired_speed_mps
+from surrogate.materialise import materialise
 from surrogate.neighbours import own_leader
 from surrogate.traffic_state import VehicleArrays, with_changes
 from surrogate.vehicle_class import CarFollowingMix, VehicleClass, select_by_class
@@ -74,6 +75,7 @@ def move(
     is_asked = (asked <= acceleration) & (asked >= standstill)
     heeded = jnp.where(is_asked, acceleration + cooperative_speed * (asked - acceleration), acceleration)
     acceleration = jnp.minimum(heeded, jnp.where((own <= acceleration) & (own >= standstill), own, acceleration))
+    acceleration = materialise(acceleration)
     new_v = jnp.where(is_vehicle, jnp.maximum(0.0, v + step_s * acceleration), 0.0)
     collided = jnp.sum(is_vehicle & leader.exists & (gap_m < 0.0))
     moved = jnp.where(is_vehicle, vehicles.position_m + step_s * new_v, vehicles.position_m)

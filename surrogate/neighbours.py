@@ -9,12 +9,30 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from surrogate.materialise import materialise
 from surrogate.traffic_state import VehicleArrays
 
 
+@jax.custom_batching.custom_vmap
 def take(values: Array, index: Int[Array, "..."]) -> Array:
-    """Return `values[index]`; the caller vouches that every index is within bounds."""
+    """Return `values[index]`; the caller vouches that every index is within bounds.
+
+    A batch of runs reads from one flat array: XLA reads from a batch of arrays 1.5 times slower.
+    """
     return values.at[index].get(mode="promise_in_bounds")
+
+
+@take.def_vmap
+def _take_of_many(
+    axis_size: int, in_batched: list[bool], values: Array, index: Int[Array, "..."]
+) -> tuple[Array, bool]:
+    values_differ, index_differs = in_batched
+    if not values_differ:
+        return take(values, index), True
+    if not index_differs:
+        index = jnp.broadcast_to(index, (axis_size, *index.shape))
+    run = jnp.arange(axis_size, dtype=index.dtype).reshape(-1, *[1] * (index.ndim - 1))
+    return take(values.reshape(-1, *values.shape[2:]), index + run * values.shape[1]), True
 
 
 def entry_ahead(
@@ -32,16 +50,16 @@ def entry_ahead(
         head: first entry of each row and the first entry behind the last row.
     """
 
-    def halve(_: int, bounds: tuple[Array, Array]) -> tuple[Array, Array]:
-        low, high = bounds
-        middle = (low + high) >> 1
-        is_ahead = take(sorted_position_m, middle) > position_m
-        return jnp.where(is_ahead, middle, low), jnp.where(is_ahead, high, middle)
-
-    # a loop, so that XLA does not fuse the halvings into one chain of loads that wait for each other
+    first, end = take(head, row), take(head, row + 1)
+    entry = first
     num_halvings = int(sorted_position_m.shape[0] - 1).bit_length()
-    bounds = (take(head, row), take(head, row + 1))
-    return jax.lax.fori_loop(0, num_halvings, halve, bounds)[0]
+    for halving in range(num_halvings - 1, -1, -1):
+        further = entry + (1 << halving)
+        # a row's end may be the end of the arrays
+        is_ahead = (further < end) & (take(sorted_position_m, jnp.minimum(further, end - 1)) > position_m)
+        # each halving in a loop of its own: fused, they are one chain of loads that wait for each other
+        entry = materialise(jnp.where(is_ahead, further, entry))
+    return entry
 
 
 class Neighbour(eqx.Module):

@@ -13,6 +13,7 @@ from jaxcalib.measures.fold import Fold
 from jaxcalib.measures.lane_change import LaneChange
 from jaxcalib.measures.scene import MeasureSettings, Memory, look, nothing_remembered, remember
 from jaxcalib.measures.traffic_flow import SubjectTravel, TrafficFlow
+from surrogate.materialise import materialise
 from surrogate.perception import PerceptionFrame
 
 
@@ -65,7 +66,7 @@ class DriveTally(eqx.Module):
 
     def update(self, state: DriveState, frame: PerceptionFrame) -> DriveState:
         """Return the state after one more frame; one that is not valid adds nothing, and what was seen is forgotten."""
-        scene = look(frame, state.memory, state.previous_s, self.settings)
+        scene = materialise(look(materialise(frame), state.memory, state.previous_s, self.settings))
         counted: dict[str, Array] = {}
         per_track: dict[str, Array] = {}
         for fold in self.folds:

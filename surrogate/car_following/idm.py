@@ -6,6 +6,7 @@ from jaxtyping import Array, Float
 from surrogate.car_following.base import CarFollowingModel, FollowingSituation
 
 Value = Float[Array, "..."]
+SMALLEST_RATIO = 1e-9  # of speed to desired speed
 SMALLEST_GAP_M = 0.001  # SUMO's NUMERICAL_EPS; keeps the interaction term finite when vehicles touch
 NO_STOP_CLOSER_THAN_M = 0.01  # SUMO: with less than this ahead, the vehicle stands
 
@@ -97,6 +98,7 @@ def idm_acceleration(
     """
     desired_gap_m = jam_gap_m + idm_dynamic_gap_m(model, situation.speed_mps, leader_speed_mps)
     speed_ratio = situation.speed_mps / jnp.maximum(situation.desired_speed_mps, SMALLEST_GAP_M)
-    free_road = speed_ratio**model.acceleration_exponent
+    # as exponential of a logarithm: XLA has both for many values at once, but calls the C library for each power
+    free_road = jnp.exp(model.acceleration_exponent * jnp.log(jnp.maximum(speed_ratio, SMALLEST_RATIO)))
     interaction = (desired_gap_m / jnp.maximum(gap_m, SMALLEST_GAP_M)) ** 2
     return model.max_acceleration_mps2 * (1.0 - free_road - interaction)

@@ -14,6 +14,7 @@ from surrogate.lane_change.mobil import Mobil, mobil_wishes, route_parameters
 from surrogate.lane_change.motives import wish
 from surrogate.lane_change.strategy import decayed_look_ahead_speed_mps, strategy
 from surrogate.lane_change.surroundings import Place, desired_speed_mps, ego_of, following_of, side_of, sight_m
+from surrogate.materialise import materialise
 from surrogate.neighbours import take
 from surrogate.vehicle_class import VehicleClass, select_record
 
@@ -35,22 +36,23 @@ def decide(place: Place, classes: tuple[VehicleClass, ...], interval_s: float, s
     """
     vehicles = place.vehicles
     following = following_of(vehicles.vehicle_class, classes)
-    desired_mps = desired_speed_mps(vehicles, classes)
+    desired_mps = materialise(desired_speed_mps(vehicles, classes))
     model = select_record([_lc2013(c) for c in classes], vehicles.vehicle_class)
-    look_m = sight_m(vehicles, following, step_s)
+    look_m = materialise(sight_m(vehicles, following, step_s))
     ego = ego_of(place, following, desired_mps, look_m)
     right = side_of(place, following, desired_mps, look_m, True)
     left = side_of(place, following, desired_mps, look_m, False)
-    right_gaps = blocked(ego, right, following, model.assertive, step_s)
-    left_gaps = blocked(ego, left, following, model.assertive, step_s)
+    ego, right, left = materialise((ego, right, left))
+    right_gaps = materialise(blocked(ego, right, following, model.assertive, step_s))
+    left_gaps = materialise(blocked(ego, left, following, model.assertive, step_s))
 
     # SUMO lets the look-ahead speed decay once for each side that there is
     after_right = decayed_look_ahead_speed_mps(ego, vehicles.look_ahead_speed_mps, interval_s)
     after_right = jnp.where(right.is_open, after_right, vehicles.look_ahead_speed_mps)
     after_left = decayed_look_ahead_speed_mps(ego, after_right, interval_s)
     after_left = jnp.where(left.is_open, after_left, after_right)
-    route_right = strategy(model, ego, right, after_right, following, True)
-    route_left = strategy(model, ego, left, after_left, following, False)
+    route_right = materialise(strategy(model, ego, right, after_right, following, True))
+    route_left = materialise(strategy(model, ego, left, after_left, following, False))
 
     asked = _negotiate(
         route_right.must_change, route_left.must_change, ego, (right, left), (right_gaps, left_gaps),
@@ -63,6 +65,7 @@ def decide(place: Place, classes: tuple[VehicleClass, ...], interval_s: float, s
     )
     to_right = wish(model, ego, right, route_right, memory, following, asked.help_right, True, interval_s, step_s)
     to_left = wish(model, ego, left, route_left, memory, following, asked.help_left, False, interval_s, step_s)
+    to_right, to_left = materialise((to_right, to_left))
     if any(isinstance(c.lane_change, Mobil) for c in classes):
         to_right, to_left = mobil_wishes(
             (to_right, to_left), ego, (right, left), (route_right, route_left), (right_gaps, left_gaps),
@@ -70,6 +73,7 @@ def decide(place: Place, classes: tuple[VehicleClass, ...], interval_s: float, s
         )  # fmt: skip
     goes_right = to_right.change & ~right_gaps.at_all
     goes_left = to_left.change & ~left_gaps.at_all & ~goes_right & ~(to_right.urgent & to_left.urgent)
+    goes_right, goes_left = materialise((goes_right, goes_left))
     moves = goes_right | goes_left
     direction = jnp.where(goes_right, RIGHT, jnp.where(goes_left, LEFT, STAY)).astype(jnp.int32)
     if interval_s > step_s:  # there and back between two decisions: nothing is left of it but empty memories

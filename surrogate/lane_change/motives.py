@@ -9,6 +9,7 @@ from surrogate.lane_change.base import Reason, Side
 from surrogate.lane_change.gap_acceptance import Ego, Following
 from surrogate.lane_change.lc2013 import Lc2013, Memory
 from surrogate.lane_change.strategy import Strategy, is_shorter
+from surrogate.materialise import materialise
 
 Value = Float[Array, " vehicle"]
 Flag = Bool[Array, " vehicle"]
@@ -85,7 +86,9 @@ def wish(
     cap, gain = ego.max_speed_mps, memory.gain_right if is_right else memory.gain_left
     is_nudged = jnp.zeros_like(is_congested)
     if not is_right:  # VARIANT_20 (noOvertakeRight)
-        slower = _slower_leader_on_the_left(ego, side, following, gain, threshold_left, interval_s, step_s)
+        slower = materialise(
+            _slower_leader_on_the_left(ego, side, following, gain, threshold_left, interval_s, step_s)
+        )
         applies = side.is_open & ~route.must_change & ~is_congested & slower.applies
         is_slow_road = ego.speed_limit_mps < CONGESTED_LIMIT_BELOW_MPS
         advises = side.is_open & ~route.must_change & ~is_slow_road & slower.advises
@@ -104,6 +107,7 @@ def wish(
         ego, following, ego.leader_exists, ego.leader_gap_m, ego.leader_speed_mps, ego.leader_class,
         ego.need.from_edge_m, is_accelerating, step_s,
     )  # fmt: skip
+    side_mps, this_mps = materialise((side_mps, this_mps))
     # from a lane that does not serve the route, SUMO goes back as soon as that one is no slower
     reverts = (side.need.best_lane_offset * (-1 if is_right else 1) < 0) & (this_mps > side_mps)
     this_mps = jnp.minimum(this_mps, cap)
@@ -131,6 +135,9 @@ def wish(
         gain = jnp.where(this_mps >= side_mps, decayed, gain + interval_s * relative_gain)
         is_keep_right = jnp.zeros_like(is_congested)
         is_speed_gain = (gain > threshold_left) & ((relative_gain > SMALLEST_GAIN) | is_nudged) & lasts
+    is_cooperative, gain, keep_right, is_keep_right, is_speed_gain, relative_gain = materialise(
+        (is_cooperative, gain, keep_right, is_keep_right, is_speed_gain, relative_gain)
+    )
     favours = gain > 0.0
     is_convenient = route.serves_route & (relative_gain >= 0.0) & favours
 

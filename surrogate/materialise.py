@@ -1,0 +1,20 @@
+"""Keeps values that many others are made of from being computed many times.
+
+XLA's compiler for processors gives each array that it writes a loop of its own and puts everything that the array
+depends on into that loop, so what two arrays share is computed twice. In a decision about lanes that came to seven
+times the operations (1251 multiplications per vehicle instead of 179). `materialise` marks where it must not.
+"""
+
+from typing import TypeVar
+
+import jax
+
+Tree = TypeVar("Tree")
+
+# Without this, XLA drops the marks before it fuses loops.
+COMPILER_OPTIONS = {"xla_disable_hlo_passes": "cse_barrier_expander"}
+
+
+def materialise(values: Tree) -> Tree:
+    """Return the values, which the compiler writes to memory once instead of computing them wherever they are used."""
+    return jax.lax.optimization_barrier(values)
