@@ -49,7 +49,6 @@ def entry_ahead(
         sorted_position_m: positions of all entries, sorted by (row, -position).
         head: first entry of each row and the first entry behind the last row.
     """
-
     first, end = take(head, row), take(head, row + 1)
     entry = first
     num_halvings = int(sorted_position_m.shape[0] - 1).bit_length()

@@ -86,9 +86,7 @@ def wish(
     cap, gain = ego.max_speed_mps, memory.gain_right if is_right else memory.gain_left
     is_nudged = jnp.zeros_like(is_congested)
     if not is_right:  # VARIANT_20 (noOvertakeRight)
-        slower = materialise(
-            _slower_leader_on_the_left(ego, side, following, gain, threshold_left, interval_s, step_s)
-        )
+        slower = materialise(_slower_leader_on_the_left(ego, side, following, gain, threshold_left, interval_s, step_s))
         applies = side.is_open & ~route.must_change & ~is_congested & slower.applies
         is_slow_road = ego.speed_limit_mps < CONGESTED_LIMIT_BELOW_MPS
         advises = side.is_open & ~route.must_change & ~is_slow_road & slower.advises
