@@ -102,7 +102,7 @@ def _calibrate(
     engine = surrogate_engine(problem)
     with sumo_engine(problem) as sumo_pool, ThreadPoolExecutor(1) as thread:
         sumo = JournaledSumo(sumo_pool, journal)
-        compiled = thread.submit(engine.prepare)  # meanwhile the logs are fitted, and SUMO runs what needs no search
+        compiled = thread.submit(engine.prepare)  # meanwhile the logs are fitted
 
         def start_final(values: np.ndarray, num_held_out: int) -> dict[Role, Callable[[], FinalRuns]]:
             counts: dict[Role, int] = {"held_out": num_held_out, "fit": plan.final_fit_runs}
@@ -113,7 +113,6 @@ def _calibrate(
                 for role, first in FINAL_SEEDS.items()
             }
 
-        uncalibrated = start_final(round_values(problem.template.base_values()), plan.uncalibrated_runs)
         progress.stage("initial_values")
         with stopwatch.time("initial_values"):
             initial = find_initial_point(problem, settings.scaling_factor, settings.bounds, seed)
@@ -136,6 +135,7 @@ def _calibrate(
         progress.stage("final_errors")
         with stopwatch.time("final_errors"):
             calibrated = start_final(initial.space.values_of(confirmation.best[None])[0], plan.final_runs)
+            uncalibrated = start_final(round_values(problem.template.base_values()), plan.uncalibrated_runs)
             final: dict[str, dict[Role, FinalRuns]] = {
                 name: {role: wait() for role, wait in waiting.items()}
                 for name, waiting in (("uncalibrated", uncalibrated), ("calibrated", calibrated))

@@ -11,7 +11,6 @@ from pathlib import Path
 
 import numpy as np
 
-NICENESS = 10
 PR_SET_PDEATHSIG = 1  # of Linux's prctl
 
 os.environ.setdefault("LIBSUMO_AS_TRACI", "quiet")  # no warning about the version of pyarrow, which is not used here
@@ -82,8 +81,7 @@ class SumoRun:
 
 
 def begin_worker() -> None:
-    """Let the surrogate go first where both run at once, and end with the parent, however that ends."""
-    os.nice(NICENESS)
+    """End with the parent, however that ends."""
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
 

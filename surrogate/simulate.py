@@ -115,47 +115,48 @@ def observe_batch(
     decisions_per_frame = max(1, plan.steps_per_frame // clock.steps_per_decision)
     frames_per_decision = max(1, clock.steps_per_decision // plan.steps_per_frame)
     cycles_per_block = max(1, round(plan.block_s / clock.step_s / max(plan.steps_per_frame, clock.steps_per_decision)))
+    frames_per_block = cycles_per_block * frames_per_decision
     # SUMO's lane changes lie anywhere between two frames; here they lie in the middle
     steps = min(plan.steps_per_frame, clock.steps_per_decision)
     steps_after = -(-steps // 2)
     steps_before = steps - steps_after
 
-    def cycle(state: TrafficState, world: World) -> TrafficState:
-        # the same phase as where frames are seen, so that a run does not depend on when its batch begins to look
-        state = settle_lanes(move_on(state, world, clock.step_s, steps_before), world, clock)
-        return move_on(state, world, clock.step_s, clock.steps_per_decision - steps_before)
-
-    def unseen(_: Int[Array, ""], states: TrafficState) -> TrafficState:
-        return jax.vmap(cycle, in_axes=(0, axes))(states, worlds)
-
-    def seen(_: int, carry: tuple[TrafficState, ObserverState]) -> tuple[TrafficState, ObserverState]:
-        def frame(
-            number: Int[Array, ""], carry: tuple[TrafficState, ObserverState], world: World
-        ) -> tuple[TrafficState, ObserverState]:
-            state, observed = carry
-            for _ in range(decisions_per_frame - 1):
-                state = cycle(state, world)
-            state = move_on(state, world, clock.step_s, steps_before)
-            state = jax.lax.cond(number == 0, lambda s: settle_lanes(s, world, clock), lambda s: s, state)
+    def drive_on(state: TrafficState, world: World, decides: Bool[Array, ""]) -> TrafficState:
+        for _ in range(decisions_per_frame - 1):
+            state = settle_lanes(move_on(state, world, clock.step_s, steps_before), world, clock)
             state = move_on(state, world, clock.step_s, steps_after)
-            time_s = state.step.astype(jnp.float32) * clock.step_s
-            with jax.named_scope("perceive"):
-                state, seen_now = perceive(state, world.road, sensor, subject_class, time_s)
-            in_time = time_s <= end_s + 0.5 * clock.step_s
-            seen_now = eqx.tree_at(lambda one: one.valid, seen_now, seen_now.valid & in_time)
-            with jax.named_scope("observe"):
-                return state, observer.update(observed, seen_now)
+        state = move_on(state, world, clock.step_s, steps_before)
+        state = jax.lax.cond(decides, lambda s: settle_lanes(s, world, clock), lambda s: s, state)
+        return move_on(state, world, clock.step_s, steps_after)
 
-        def frames(number: Int[Array, ""], carry: tuple[TrafficState, ObserverState]) -> Any:
-            # the number is not batched, so the decision stays a branch that is skipped
-            return jax.vmap(lambda s, o, w: frame(number, (s, o), w), in_axes=(0, 0, axes))(*carry, worlds)
-
-        return jax.lax.fori_loop(0, frames_per_decision, frames, carry)
+    def see(state: TrafficState, observed: ObserverState, world: World) -> tuple[Array, Array, ObserverState]:
+        time_s = state.step.astype(jnp.float32) * clock.step_s
+        with jax.named_scope("perceive"):
+            state, seen_now = perceive(state, world.road, sensor, subject_class, time_s)
+        in_time = time_s <= end_s + 0.5 * clock.step_s
+        seen_now = eqx.tree_at(lambda one: one.valid, seen_now, seen_now.valid & in_time)
+        with jax.named_scope("observe"):
+            return state.vehicles.track, state.num_tracks, observer.update(observed, seen_now)
 
     def block(carry: tuple[TrafficState, ObserverState, RunRecord]) -> tuple[TrafficState, ObserverState, RunRecord]:
         states, observed, record = carry
         is_over = states.subject_left
-        states, observed = jax.lax.fori_loop(0, cycles_per_block, seen, (states, observed))
+        is_seen = states.step[0] >= first_seen_step
+
+        def frame(number: Int[Array, ""], carry: tuple[TrafficState, ObserverState]) -> Any:
+            # neither condition differs between runs, so both stay branches that are skipped
+            states, observed = carry
+            decides = number % frames_per_decision == 0
+            states = jax.vmap(lambda s, w: drive_on(s, w, decides), in_axes=(0, axes))(states, worlds)
+            unseen = states.vehicles.track, states.num_tracks, observed
+            track, num_tracks, observed = jax.lax.cond(
+                is_seen,
+                lambda: jax.vmap(see, in_axes=(0, 0, axes))(states, observed, worlds),
+                lambda: unseen,
+            )
+            return eqx.tree_at(lambda s: (s.vehicles.track, s.num_tracks), states, (track, num_tracks)), observed
+
+        states, observed = jax.lax.fori_loop(0, frames_per_block, frame, (states, observed))
         later = _record(states, record.num_on_road)
         kept = jax.tree.map(
             lambda old, new: jnp.where(is_over.reshape(-1, *[1] * (new.ndim - 1)), old, new), record, later
@@ -168,10 +169,10 @@ def observe_batch(
         return is_early & ~jnp.all(states.subject_left)
 
     num_runs = worlds.seed.shape[0]
-    # blocks begin at multiples of their length, so that a run sees the same frames in whichever batch it is
-    aligned_s = jnp.floor(first_frame_s / plan.block_s) * plan.block_s
-    num_unseen = (aligned_s / clock.interval_s).astype(jnp.int32)
-    states = jax.lax.fori_loop(0, num_unseen, unseen, jax.vmap(first, in_axes=(axes,), axis_size=num_runs)(worlds))
+    # whole blocks are seen or not, so that a run sees the same frames in whichever batch it is
+    steps_per_block = frames_per_block * plan.steps_per_frame
+    first_seen_step = jnp.floor(first_frame_s / clock.step_s / steps_per_block).astype(jnp.int32) * steps_per_block
+    states = jax.vmap(first, in_axes=(axes,), axis_size=num_runs)(worlds)
     start = observer.start()
     observed = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (num_runs, *jnp.shape(leaf))), start)
     record = _record(states, _num_on_road(states))

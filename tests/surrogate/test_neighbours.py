@@ -3,7 +3,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from surrogate.neighbours import entry_ahead, neighbour_at, own_leader
+from surrogate.neighbours import entry_ahead, neighbour_at, own_leader, take
 from surrogate.traffic_state import EMPTY, HEAD, VehicleArrays, empty_vehicles
 
 CAPACITY = 61
@@ -109,3 +109,28 @@ def test_a_neighbour_counts_only_in_the_row_asked_about(
         neighbour = neighbour_at(entry, jnp.full(CAPACITY, row, jnp.int32), vehicles)
         there = [head[row] < e < head[row + 1] for e in range(CAPACITY)]
         np.testing.assert_array_equal(np.asarray(neighbour.exists), there)
+
+
+class TestTake:
+    """One flat array or many, the values are those of plain indexing."""
+
+    VALUES = np.arange(24.0).reshape(4, 6) ** 1.5
+    INDEX = np.asarray([[5, 0, 3], [1, 1, 2], [4, 5, 0], [2, 3, 3]])
+
+    def test_batches_of_values_and_places(self) -> None:
+        values, index = jnp.asarray(self.VALUES), jnp.asarray(self.INDEX)
+        rows = np.arange(4)[:, None]
+        np.testing.assert_array_equal(jax.vmap(take)(values, index), values[rows, index])
+        np.testing.assert_array_equal(jax.vmap(take, in_axes=(0, None))(values, index[1]), values[:, index[1]])
+        np.testing.assert_array_equal(jax.vmap(take, in_axes=(None, 0))(values[2], index), values[2][index])
+
+    def test_batches_of_batches(self) -> None:
+        values = jnp.asarray(np.stack([self.VALUES, -self.VALUES, 2.0 * self.VALUES]))
+        index = jnp.asarray(np.stack([self.INDEX, 5 - self.INDEX, self.INDEX[::-1]]))
+        expected = np.take_along_axis(np.asarray(values), np.asarray(index), axis=2)
+        np.testing.assert_array_equal(jax.vmap(jax.vmap(take))(values, index), expected)
+
+    def test_a_last_axis_travels_along(self) -> None:
+        table = jnp.asarray(np.arange(48.0).reshape(4, 6, 2))
+        found = jax.vmap(take)(table, jnp.asarray(self.INDEX))
+        np.testing.assert_array_equal(found, np.asarray(table)[np.arange(4)[:, None], self.INDEX])
