@@ -12,7 +12,7 @@ import jax
 Tree = TypeVar("Tree")
 
 # Without this, XLA drops the marks before it fuses loops.
-COMPILER_OPTIONS = {"xla_disable_hlo_passes": "cse_barrier_expander"}
+COMPILER_OPTIONS: dict[str, str | bool] = {"xla_disable_hlo_passes": "cse_barrier_expander"}
 
 
 def materialise(values: Tree) -> Tree:
