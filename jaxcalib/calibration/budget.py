@@ -13,8 +13,8 @@ RUNS_PER_CANDIDATE = 4.0
 FEWEST_RUNS = 2
 SIZE_EXPONENT = 0.5
 LARGE_RATIO = 3.0
-FEWEST_SEEDS = 12  # fresh ones, for the final errors on held-out drives
-SEEDS_IF_SMALL = 20
+FRESH_SEEDS = 12  # for the final errors on held-out drives
+MOST_FRESH_SEEDS = 100
 SHORTLISTED = 5  # candidates, about
 QUICK = 0.5  # below it SUMO confirms one finalist only
 
@@ -74,8 +74,8 @@ def plan_budget(problem: CalibrationProblem, scale: float = 1.0) -> Budget:
     polish_runs = (2 if is_large else 3) * per_candidate
     num_fit, num_held_out = len(problem.departs_s("fit")), len(problem.departs_s("held_out"))
 
-    def final_runs(num_seeds: int) -> int:
-        return num_held_out * max(2, round(num_seeds * min(scale, 1.0) / max(num_held_out, 1)))
+    num_seeds = min(FRESH_SEEDS * scale, MOST_FRESH_SEEDS)
+    final_runs = num_held_out * max(2, round(num_seeds / max(num_held_out, 1)))
 
     num_parameters = len(problem.layout.names)
     cases = small_array(problem.layout.num_inputs).num_cases + smallest_array(len(problem.layout.attributes)).num_cases
@@ -88,9 +88,9 @@ def plan_budget(problem: CalibrationProblem, scale: float = 1.0) -> Budget:
         num_generations=generations,
         polish_iterations=1,
         confirmation_rounds=2 if scale >= QUICK else 1,
-        confirmation_runs=num_fit if is_large or scale < QUICK else 2 * num_fit,
-        final_runs=final_runs(FEWEST_SEEDS if is_large else SEEDS_IF_SMALL),
-        uncalibrated_runs=final_runs(FEWEST_SEEDS),
+        confirmation_runs=num_fit if is_large or scale < QUICK else round(1.5 * num_fit),
+        final_runs=final_runs,
+        uncalibrated_runs=final_runs,
         final_fit_runs=num_fit,
         num_surrogate_runs=(cases + population * generations) * per_candidate
         + 3 * SHORTLISTED * SHORTLIST_RUNS * per_candidate
