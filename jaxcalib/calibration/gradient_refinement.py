@@ -16,6 +16,7 @@ import numpy as np
 import optax
 from jaxtyping import Array, Float
 
+from jaxcalib.calibration.objective import LogEvidence
 from jaxcalib.calibration.search_box import SearchBox
 from jaxcalib.initial_values.initial_point import InitialPoint
 from jaxcalib.search.response_surface import ResponseSurface
@@ -51,6 +52,7 @@ class GradientRefinement:
 def refine(
     start: Float[np.ndarray, " parameter"],
     initial: InitialPoint,
+    evidence: LogEvidence,
     surface: ResponseSurface,
     box: SearchBox,
     num_moments: int,
@@ -60,6 +62,7 @@ def refine(
     Args:
         start: in the unit cube.
         initial: what the logs said, with the loss of their pairs.
+        evidence: what the objective makes of it.
         surface: response of the whitened residuals in the box; the first `num_moments` are those of moments.
         box: where the surface lives.
         num_moments: residuals behind them are the logs' evidence, which the replay itself stands for here.
@@ -77,9 +80,9 @@ def refine(
     if not np.isfinite(scale):
         return None
 
-    known = np.isfinite(initial.unit_error)
+    known = np.isfinite(evidence.error)
     known[fitted] = False
-    evidence = jnp.asarray(np.where(known, 1.0 / np.maximum(initial.unit_error, 1e-9), 0.0), jnp.float32)
+    weight = jnp.asarray(np.where(known, 1.0 / np.maximum(evidence.error, 1e-9), 0.0), jnp.float32)
     base, slope, curvature = (
         jnp.asarray(part[:num_moments], jnp.float32) for part in (surface.intercept, surface.slope, surface.curvature)
     )
@@ -90,7 +93,7 @@ def refine(
     def misfit(unit: Array) -> Array:
         z = ((unit[chosen] - lower) / width - center) / surface.radius
         residual = base + slope @ z + 0.5 * curvature @ z**2
-        logs = evidence * (unit - jnp.asarray(at_logs, jnp.float32))
+        logs = weight * (unit - jnp.asarray(evidence.unit, jnp.float32))
         return jnp.sum(residual**2) + jnp.sum(logs**2) + scale * loss(to_values(unit[jnp.asarray(fitted)]))
 
     automatic = np.asarray(slopes(jnp.asarray(start[fitted], jnp.float32)), float)

@@ -163,7 +163,8 @@ def search_two_stages(
     surface = local_surface(run.objective, joint_box, known, polished.best)
     refined = None
     if not run.objective.is_relative:
-        refined = refine(polished.best, initial, surface, joint_box, len(run.objective.moments.names))
+        num_moments = len(run.objective.moments.names)
+        refined = refine(polished.best, initial, evidence, surface, joint_box, num_moments)
     last_point = polished.best if refined is None else refined.unit
     candidates = np.stack([stage_1.best, saga.best, polished.best, last_point, start])
     last = run.judge(candidates, evaluator.rounds_of(budget.noise_runs), OPTIMISATION, NOISE_OFFSET)
