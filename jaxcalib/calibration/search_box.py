@@ -26,6 +26,11 @@ class SearchBox:
     lower: Float[np.ndarray, " chosen"]
     upper: Float[np.ndarray, " chosen"]
 
+    @property
+    def width(self) -> Float[np.ndarray, " chosen"]:
+        """Return the length of each side."""
+        return self.upper - self.lower
+
     def unit_of(self, points: Float[np.ndarray, "candidate chosen"]) -> Float[np.ndarray, "candidate parameter"]:
         """Return points of the unit cube for points of the box, whose coordinates go from 0 to 1."""
         unit = np.tile(self.held, (len(points), 1))

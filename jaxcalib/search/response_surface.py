@@ -17,6 +17,8 @@ class ResponseSurface:
         slope: per unit of z.
         curvature: second derivative with respect to each parameter alone; 0 on a linear surface.
         num_points: points that the surface rests on.
+        slope_covariance: of the errors of each measure's slopes, from the scatter around the surface; inf where there
+            are no more points than coefficients.
     """
 
     center: Float[np.ndarray, " parameter"]
@@ -25,6 +27,7 @@ class ResponseSurface:
     slope: Float[np.ndarray, "measure parameter"]
     curvature: Float[np.ndarray, "measure parameter"]
     num_points: int
+    slope_covariance: Float[np.ndarray, "measure parameter parameter"]
 
     def residual_at(self, step: Float[np.ndarray, " parameter"]) -> Float[np.ndarray, " measure"]:
         """Return the residual vector at a step z."""
@@ -63,6 +66,7 @@ def fit_response_surface(
     num_parameters = center.shape[0]
     design = np.hstack([np.ones((points.shape[0], 1)), step] + ([0.5 * step**2] if is_quadratic else []))
     coefficients = np.zeros((residuals.shape[1], design.shape[1]))
+    covariance = np.full((residuals.shape[1], num_parameters, num_parameters), np.inf)
     for measure in range(residuals.shape[1]):
         root_weight = np.sqrt(weights[:, measure] / max(weights[:, measure].max(initial=0.0), np.finfo(float).tiny))
         weighted = design * root_weight[:, None]
@@ -73,6 +77,11 @@ def fit_response_surface(
             np.concatenate([residuals[:, measure] * root_weight, np.zeros(penalty.shape[0])]),
             rcond=None,
         )[0]
+        num_free = np.count_nonzero(root_weight) - design.shape[1]
+        if num_free > 0:
+            scatter = np.sum((residuals[:, measure] * root_weight - weighted @ coefficients[measure]) ** 2) / num_free
+            inverse = np.linalg.pinv(weighted.T @ weighted + penalty.T @ penalty, hermitian=True)
+            covariance[measure] = scatter * inverse[1 : 1 + num_parameters, 1 : 1 + num_parameters]
     slope = coefficients[:, 1 : 1 + num_parameters]
     return ResponseSurface(
         center=center.copy(),
@@ -81,4 +90,5 @@ def fit_response_surface(
         slope=slope,
         curvature=coefficients[:, 1 + num_parameters :] if is_quadratic else np.zeros_like(slope),
         num_points=points.shape[0],
+        slope_covariance=covariance,
     )

@@ -15,7 +15,8 @@ CURVATURE = np.array([[0.5, -0.2, 0.8], [0.1, 0.3, -0.6]])
 
 
 def surface(center: np.ndarray = CENTER, *, curved: bool = False) -> ResponseSurface:
-    return ResponseSurface(center, 0.2, INTERCEPT, SLOPE, CURVATURE if curved else np.zeros((2, 3)), num_points=7)
+    curvature = CURVATURE if curved else np.zeros((2, 3))
+    return ResponseSurface(center, 0.2, INTERCEPT, SLOPE, curvature, 7, np.zeros((2, 3, 3)))
 
 
 @given(
@@ -68,6 +69,28 @@ def test_the_fit_is_weighted_least_squares() -> None:
         design = np.hstack([np.ones((9, 1)), (points - CENTER) / 0.2]) * root[:, None]
         expected = np.linalg.lstsq(design, residuals[:, measure] * root, rcond=None)[0]
         np.testing.assert_allclose([fitted.intercept[measure], *fitted.slope[measure]], expected, rtol=1e-9)
+
+
+def test_errors_of_slopes_are_those_of_repeated_fits() -> None:
+    rng = np.random.default_rng(2)
+    points, weights = rng.random((14, 3)), rng.uniform(0.5, 2.0, size=(14, 2))
+    noise = np.array([0.3, 1.1])
+    clean = np.array([surface().residual_at((point - CENTER) / 0.2) for point in points])
+
+    def fit() -> ResponseSurface:
+        scatter = noise * rng.normal(size=(14, 2)) / np.sqrt(weights)
+        return fit_response_surface(points, clean + scatter, weights, CENTER, 0.2, ridge=0.0)
+
+    fits = [fit() for _ in range(3000)]
+    claimed = np.mean([one.slope_covariance for one in fits], axis=0)
+    for measure in range(2):
+        found = np.cov([one.slope[measure] for one in fits], rowvar=False)
+        np.testing.assert_allclose(claimed[measure], found, rtol=0.1, atol=0.05 * np.abs(found).max())
+
+
+def test_as_many_points_as_coefficients_say_nothing_of_the_errors_of_slopes() -> None:
+    points = np.random.default_rng(3).random((4, 3))
+    assert np.isinf(fit_response_surface(points, points @ SLOPE.T, np.ones((4, 2)), CENTER, 0.2).slope_covariance).all()
 
 
 def test_directions_that_no_point_shows_get_no_slope() -> None:
@@ -124,7 +147,7 @@ def test_more_damping_means_shorter_steps() -> None:
 
 
 def test_a_flat_surface_gives_no_step() -> None:
-    flat = ResponseSurface(CENTER, 0.2, INTERCEPT, np.zeros((2, 3)), np.zeros((2, 3)), num_points=7)
+    flat = ResponseSurface(CENTER, 0.2, INTERCEPT, np.zeros((2, 3)), np.zeros((2, 3)), 7, np.zeros((2, 3, 3)))
     step = levenberg_marquardt_step(flat, np.ones(2))
     assert (step.step == 0.0).all()
     assert step.predicted_improvement == 0.0
