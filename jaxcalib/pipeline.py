@@ -138,7 +138,7 @@ def _calibrate(
             uncalibrated = start_final(round_values(problem.template.base_values()), plan.uncalibrated_runs)
             final: dict[str, dict[Role, FinalRuns]] = {
                 name: {role: wait() for role, wait in waiting.items()}
-                for name, waiting in (("uncalibrated", uncalibrated), ("calibrated", calibrated))
+                for name, waiting in (("calibrated", calibrated), ("uncalibrated", uncalibrated))
             }
         processes = sumo_pool.num_processes
     stopwatch.add("compile", engine.compile_s)
