@@ -94,6 +94,6 @@ def plan_budget(problem: CalibrationProblem, scale: float = 1.0) -> Budget:
         final_fit_runs=num_fit,
         num_surrogate_runs=(cases + population * generations) * per_candidate
         + 3 * SHORTLISTED * SHORTLIST_RUNS * per_candidate
-        + 2 * (num_parameters + 4) * polish_runs
+        + 2 * (num_parameters + 6) * polish_runs
         + 9 * noise_runs,
     )

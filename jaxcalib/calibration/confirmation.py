@@ -10,13 +10,12 @@ from jaxcalib.calibration.budget import Budget
 from jaxcalib.calibration.discrepancy import Confirmed, LearntDiscrepancy, learn_discrepancy
 from jaxcalib.calibration.evaluator import AllRunsFailedError, Evaluator
 from jaxcalib.calibration.objective import Objective
-from jaxcalib.calibration.optimisation import Optimisation, polish
+from jaxcalib.calibration.optimisation import Optimisation, polish, polish_config
 from jaxcalib.calibration.search_box import search_box
 from jaxcalib.calibration.search_run import CourseEntry, Judged, SearchRun
 from jaxcalib.calibration.two_stage import NOISE_OFFSET, TwoStageResult
 from jaxcalib.initial_values.initial_point import InitialPoint
 from jaxcalib.progress import Progress
-from jaxcalib.search import TrustRegionConfig
 from sim_adapters.interface import RunOutcome
 
 CONFIRMATION = "confirmation"
@@ -125,8 +124,8 @@ def confirm(
         run = run.with_objective(objective)
         best = max(finalists, key=lambda one: one.accuracy).unit
         box = search_box(best, range(len(space.names)), found.half_width)
-        config = TrustRegionConfig(num_iterations=1, design="two_level", initial_radius=RADIUS)
-        polishes.append(polish(run, box, best, surrogate.rounds_of(budget.polish_runs), config, CONFIRMATION, judged))
+        num_polish = surrogate.rounds_of(budget.polish_runs)
+        polishes.append(polish(run, box, best, num_polish, polish_config(RADIUS), CONFIRMATION, judged))
         stop()
         if np.abs(polishes[-1].best - unit).max() < SAME_POINT:
             break

@@ -14,6 +14,7 @@ from jaxcalib.search.evaluated_points import EvaluatedPoints, append_points
 
 GENERATION_OFFSET = 1_000  # of the seeds
 NUM_SHORTLISTED = 3
+STEP_FRACTIONS = (0.3, 0.6, 1.0)  # of a Gauss-Newton step
 
 
 @dataclass(frozen=True)
@@ -71,6 +72,16 @@ def optimise(
     shortlist = run.shortlist(np.vstack(few), SHORTLIST_RUNS * num_runs, stage, SHORTLIST_OFFSET)
     best = shortlist.best
     return Optimisation(shortlist.unit[best], float(shortlist.accuracy[best]), tuple(reports), (*rounds, shortlist))
+
+
+def polish_config(radius: float, num_iterations: int = 1) -> TrustRegionConfig:
+    """Return the options of a polish that begins with a radius, as a share of its box.
+
+    With many parameters the noise of slopes makes whole steps too long, so parts of them are tried as well.
+    """
+    return TrustRegionConfig(
+        num_iterations=num_iterations, design="two_level", initial_radius=radius, step_fractions=STEP_FRACTIONS
+    )
 
 
 def polish(

@@ -13,7 +13,7 @@ from jaxcalib.calibration.gradient_refinement import GradientRefinement, refine
 from jaxcalib.calibration.local_surface import local_surface
 from jaxcalib.calibration.objective import LogEvidence, Objective
 from jaxcalib.calibration.objective_choice import choose_objective
-from jaxcalib.calibration.optimisation import Optimisation, optimise, polish
+from jaxcalib.calibration.optimisation import Optimisation, optimise, polish, polish_config
 from jaxcalib.calibration.screening import Screening, screen, small_array
 from jaxcalib.calibration.search_box import search_box
 from jaxcalib.calibration.search_run import CourseEntry, Judged, SearchRun, best_of
@@ -21,7 +21,7 @@ from jaxcalib.initial_values.initial_point import InitialPoint
 from jaxcalib.measures.measure import Level
 from jaxcalib.problem import CalibrationProblem
 from jaxcalib.progress import Progress
-from jaxcalib.search import SagaConfig, TrustRegionConfig
+from jaxcalib.search import SagaConfig
 from jaxcalib.settings import Settings
 
 NOISE_OFFSET = 50_000  # of the seeds of runs that only measure noise
@@ -156,7 +156,7 @@ def search_two_stages(
     joint_box = search_box(saga.best, everything, half_width)
     polished = polish(
         run, joint_box, saga.best, polish_runs,
-        TrustRegionConfig(num_iterations=budget.polish_iterations, design="two_level", initial_radius=POLISH_RADIUS),
+        polish_config(POLISH_RADIUS, budget.polish_iterations),
         OPTIMISATION, [*explored, *saga.rounds],
     )  # fmt: skip
     known = [*explored, *saga.rounds, *polished.rounds]
