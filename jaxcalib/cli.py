@@ -76,7 +76,3 @@ def calibrate(
 def main() -> None:
     """Run the command line."""
     sys.exit(app())
-
-
-if __name__ == "__main__":
-    main()

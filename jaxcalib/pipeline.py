@@ -104,8 +104,8 @@ def _calibrate(
         sumo = JournaledSumo(sumo_pool, journal)
         compiled = thread.submit(engine.prepare)  # meanwhile the logs are fitted
 
-        def start_final(values: np.ndarray, num_held_out: int) -> dict[Role, Callable[[], FinalRuns]]:
-            counts: dict[Role, int] = {"held_out": num_held_out, "fit": plan.final_fit_runs}
+        def start_final(values: np.ndarray) -> dict[Role, Callable[[], FinalRuns]]:
+            counts: dict[Role, int] = {"held_out": plan.final_runs, "fit": plan.final_fit_runs}
             return {
                 role: start_final_runs(
                     problem, sumo, values, role, counts[role], first_seed + first, progress.sumo_runs
@@ -134,8 +134,8 @@ def _calibrate(
         on_held_out = surrogate_on_held_out(problem, engine, journal, initial, confirmation, plan, first_seed)
         progress.stage("final_errors")
         with stopwatch.time("final_errors"):
-            calibrated = start_final(initial.space.values_of(confirmation.best[None])[0], plan.final_runs)
-            uncalibrated = start_final(round_values(problem.template.base_values()), plan.uncalibrated_runs)
+            calibrated = start_final(initial.space.values_of(confirmation.best[None])[0])
+            uncalibrated = start_final(round_values(problem.template.base_values()))
             final: dict[str, dict[Role, FinalRuns]] = {
                 name: {role: wait() for role, wait in waiting.items()}
                 for name, waiting in (("calibrated", calibrated), ("uncalibrated", uncalibrated))

@@ -5,7 +5,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from surrogate.inflow import ENTRANCE_STRIDE, Inflow, Queues, SubjectPlan, arrive, entrants, time_to_next
+from surrogate.inflow import Inflow, SubjectPlan, arrive, entrants, time_to_next
 from surrogate.kinematics import move
 from surrogate.lane_change.base import STAY, Reason
 from surrogate.lane_change.decide import decide
@@ -79,11 +79,6 @@ def initial_state(world: World, capacity: int) -> TrafficState:
         num_lost=jnp.zeros((), jnp.int32),
         num_lane_changes=jnp.zeros((len(Reason),), jnp.int32),
     )
-
-
-def advance(state: TrafficState, world: World, clock: Clock) -> TrafficState:
-    """Return the state one decision interval later: lanes first, then as many moves as the interval has steps."""
-    return move_on(settle_lanes(state, world, clock), world, clock.step_s, clock.steps_per_decision)
 
 
 def settle_lanes(state: TrafficState, world: World, clock: Clock) -> TrafficState:
@@ -171,6 +166,3 @@ def _look_up_lane(vehicles: VehicleArrays, place: Place) -> VehicleArrays:
         slow_limit_mps=place.at_row(place.road.slow_limit_mps, row),
         stop_position_m=place.on_route(place.road.stop_position_m, row),
     )
-
-
-__all__ = ["ENTRANCE_STRIDE", "Clock", "Queues", "World", "advance", "initial_state", "move_on", "settle_lanes"]

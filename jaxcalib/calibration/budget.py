@@ -32,9 +32,8 @@ class Budget:
         polish_iterations: of the joint polish.
         confirmation_rounds: alternations of surrogate and SUMO.
         confirmation_runs: SUMO runs per finalist and round.
-        final_runs: SUMO runs of the result on held-out drives.
-        uncalibrated_runs: SUMO runs of the scenario as it was on held-out drives.
-        final_fit_runs: SUMO runs of each of the two on the drives to fit.
+        final_runs: SUMO runs of the result, and of the scenario as it was, on held-out drives.
+        final_fit_runs: the same on the drives to fit.
         num_surrogate_runs: about so many in all, for the progress bar.
     """
 
@@ -47,7 +46,6 @@ class Budget:
     confirmation_rounds: int
     confirmation_runs: int
     final_runs: int
-    uncalibrated_runs: int
     final_fit_runs: int
     num_surrogate_runs: int
 
@@ -55,7 +53,7 @@ class Budget:
     def num_sumo_runs(self) -> int:
         """SUMO runs in all."""
         confirming = self.confirmation_rounds * self.confirmation_runs
-        return confirming + self.final_runs + self.uncalibrated_runs + 2 * self.final_fit_runs
+        return confirming + 2 * (self.final_runs + self.final_fit_runs)
 
 
 def plan_budget(problem: CalibrationProblem, scale: float = 1.0) -> Budget:
@@ -90,7 +88,6 @@ def plan_budget(problem: CalibrationProblem, scale: float = 1.0) -> Budget:
         confirmation_rounds=2 if scale >= QUICK else 1,
         confirmation_runs=num_fit if is_large or scale < QUICK else round(1.5 * num_fit),
         final_runs=final_runs,
-        uncalibrated_runs=final_runs,
         final_fit_runs=num_fit,
         num_surrogate_runs=(cases + population * generations) * per_candidate
         + 3 * SHORTLISTED * SHORTLIST_RUNS * per_candidate

@@ -33,6 +33,7 @@ from jaxtyping import Array, Bool, Float, Int
 from surrogate.car_following.base import FollowingSituation
 from surrogate.kinematics import limited_acceleration
 from surrogate.lane_change.base import LaneChangeModel, Reason, Side
+from surrogate.lane_change.cooperation import NO_ADVICE
 from surrogate.lane_change.gap_acceptance import Blocked, Ego, Following
 from surrogate.lane_change.lc2013 import Lc2013
 from surrogate.lane_change.motives import Wish
@@ -44,7 +45,6 @@ from surrogate.vehicle_class import CarFollowingMix, VehicleClass, select_record
 Value = Float[Array, " vehicle"]
 Flag = Bool[Array, " vehicle"]
 CONGESTED_BELOW_MPS = 60.0 / 3.6  # v_crit
-NO_ADVICE = jnp.inf
 
 
 class Mobil(LaneChangeModel):

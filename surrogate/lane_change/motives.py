@@ -6,6 +6,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from surrogate.car_following.safe_speed import brake_gap_m, safe_follow_speed_mps
 from surrogate.lane_change.base import Reason, Side
+from surrogate.lane_change.cooperation import CONGESTED_BELOW_MPS, CONGESTED_LIMIT_BELOW_MPS, HELP_OVERTAKE_MPS
 from surrogate.lane_change.gap_acceptance import Ego, Following
 from surrogate.lane_change.lc2013 import Lc2013, Memory
 from surrogate.lane_change.strategy import Strategy, is_shorter
@@ -15,11 +16,8 @@ Value = Float[Array, " vehicle"]
 Flag = Bool[Array, " vehicle"]
 
 RELATIVE_GAIN_MIN_SPEED_MPS = 10.0
-HELP_OVERTAKE_MPS = 10.0 / 3.6
 KEEP_RIGHT_TIME_S = 5.0
 KEEP_RIGHT_ACCEPTANCE_S = 7.0
-CONGESTED_BELOW_MPS = 60.0 / 3.6
-CONGESTED_LIMIT_BELOW_MPS = 60.1 / 3.6
 MUCH_FASTER_MPS = 5.0 / 3.6
 SMALLEST_SPEED_MPS = 0.1
 SMALLEST_GAIN = 0.001

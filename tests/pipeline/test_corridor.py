@@ -22,7 +22,7 @@ pytestmark = pytest.mark.long
 
 
 def command(out: Path, *more: str) -> list[str]:
-    return [sys.executable, "-m", "jaxcalib.cli", "calibrate", str(CASE), "--out", str(out), "--budget", BUDGET, *more]
+    return [sys.executable, "-m", "jaxcalib", "calibrate", str(CASE), "--out", str(out), "--budget", BUDGET, *more]
 
 
 @pytest.fixture(scope="module")

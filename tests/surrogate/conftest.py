@@ -10,7 +10,7 @@ import pytest
 from sim_adapters.interface import ParameterLayout
 from sim_adapters.scenario import Scenario, read_scenario
 from sim_adapters.world_builder import WorldTemplate, build_template
-from surrogate.step import Clock, World, advance, initial_state
+from surrogate.step import Clock, World, initial_state, move_on, settle_lanes
 from surrogate.traffic_state import TrafficState
 
 CAPACITY = 288
@@ -58,7 +58,11 @@ def corridor_world(template: WorldTemplate) -> Callable[..., World]:
 @pytest.fixture(scope="session")
 def drive_on() -> Callable[[World, int], list[TrafficState]]:
     """Return a function that runs a world from the empty road and keeps the state after every decision interval."""
-    decide = jax.jit(lambda state, world: advance(state, world, CLOCK))
+
+    def advance(state: TrafficState, world: World) -> TrafficState:
+        return move_on(settle_lanes(state, world, CLOCK), world, CLOCK.step_s, CLOCK.steps_per_decision)
+
+    decide = jax.jit(advance)
     begin = jax.jit(lambda world: initial_state(world, CAPACITY))
 
     def run(world: World, num_decisions: int) -> list[TrafficState]:
