@@ -13,6 +13,7 @@ from jaxcalib.case_file import FILE_NAME
 from jaxcalib.errors import CaseError, quote
 from jaxcalib.field_log import DriveLog, read_drives
 from jaxcalib.measures.drive_tally import DriveTally, drive_tally
+from jaxcalib.measures.lane_change import num_target_gap_classes
 from jaxcalib.measures.measure import Measure
 from jaxcalib.measures.observed_road import ObservedRoad, observe_road
 from jaxcalib.measures.registry import all_measures
@@ -133,7 +134,7 @@ def read_problem(folder: Path | str) -> CalibrationProblem:
         template=template,
         tally=tally,
         fold=fold,
-        measures=all_measures(tally.settings.road),
+        measures=all_measures(tally.settings),
         drives=drives,
         field_tally=np.stack([fold(drive.frames(FRAME_INTERVAL_S)) for drive in drives]),
     )
@@ -188,10 +189,12 @@ def _check_models(scenario: Scenario, parts: ScenarioParts) -> None:
 
 def _measure_settings(case: Case, road: ObservedRoad, drives: tuple[DriveLog, ...]) -> MeasureSettings:
     most_tracks = max([len(np.unique(drive.objects.track)) for drive in drives] or [0])
+    sensor = case.perception
     return MeasureSettings(
         road=road,
-        nominal_length_m=jnp.asarray(case.perception.nominal_length_m, jnp.float32),
+        nominal_length_m=jnp.asarray(sensor.nominal_length_m, jnp.float32),
         least_speed_mps=jnp.asarray(LEAST_SPEED_MPS, jnp.float32),
         longest_headway_s=jnp.asarray(LONGEST_HEADWAY_S, jnp.float32),
         num_tracks=FRAMES_STEP * int(np.ceil((SPARE_TRACKS * most_tracks + 2) / FRAMES_STEP)),
+        num_target_gap_classes=num_target_gap_classes(sensor.ahead_m, sensor.behind_m, sensor.nominal_length_m),
     )

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from jaxcalib.calibration.accuracy import VEHICLE_LEVEL_SUM
 from jaxcalib.calibration.final_errors import ROLES, FinalErrors, FinalRuns, final_errors, with_outcomes
 from jaxcalib.calibration.record import CalibrationRecord
 from jaxcalib.calibration.screening import Screening
@@ -100,13 +101,11 @@ def _gradient(record: CalibrationRecord) -> dict[str, Any] | None:
 
 
 def _floor_runs(record: CalibrationRecord, role: Role) -> FinalRuns:
-    """Return all SUMO runs of the result on the drives of a role."""
-    runs = record.calibrated[role]
-    if role == "held_out":
-        return runs
+    """Return all SUMO runs of the result that could be drives of a role: those for the other role, too."""
     values = record.initial.space.values_of(record.confirmation.best[None])[0]
-    confirming = tuple(o for o in record.confirmation.outcomes if np.array_equal(o.request.values, values))
-    return with_outcomes(record.problem, role, runs, confirming)
+    confirming = [one for one in record.confirmation.outcomes if np.array_equal(one.request.values, values)]
+    others = [one for other in ROLES if other != role for one in record.calibrated[other].outcomes]
+    return with_outcomes(record.problem, role, record.calibrated[role], (*others, *confirming))
 
 
 def _mops(record: CalibrationRecord, notes: dict[str, str]) -> dict[str, dict[str, dict[str, float | None]]]:
@@ -161,12 +160,14 @@ def _vehicle_level(errors: dict[str, dict[Any, FinalErrors | None]]) -> dict[str
     table: dict[str, dict[str, Any]] = {}
     for calibration, by_role in errors.items():
         table[calibration] = {
-            role: {"value": _rounded(one.pooled.vehicle_level), "interval_90": one.interval["vehicle_level"]}
+            role: {"value": _rounded(one.pooled.vehicle_level), "interval_90": one.interval[VEHICLE_LEVEL_SUM]}
             for role, one in by_role.items()
             if one
         }
     table["noise_floor"] = {
-        role: {"value": _rounded(one.floor_vehicle_level)} for role, one in errors["calibrated"].items() if one
+        role: {"value": _rounded(one.floor_vehicle_level), "quantile_95": _rounded(one.floor_high[VEHICLE_LEVEL_SUM])}
+        for role, one in errors["calibrated"].items()
+        if one
     }
     return table
 

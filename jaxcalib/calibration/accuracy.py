@@ -12,12 +12,13 @@ CUT_IN_LOWER_BOUND = 0.0  # Delta_LB of Eq. 32
 CUT_IN_UPPER_SHARE = 0.5  # Delta_UB as a share of the field's cut-ins, at least 1
 VEHICLE_LEVEL = ("subject_time_headway", "background_time_headway", "subject_lane_change_distance",
                  "background_lane_change_distance", "cut_ins")  # fmt: skip
+VEHICLE_LEVEL_SUM = "vehicle_level"  # of these, Eq. 23
 TRAFFIC_LEVEL = ("traffic_speed", "traffic_density", "traffic_volume", "traffic_dynamics")
 MEASURE_OF = {
     "subject_time_headway": "subject_time_headway_s",  # Eq. 24
     "background_time_headway": "background_mean_time_headway_s",  # Eqs. 25-27
-    "subject_lane_change_distance": "subject_target_gap_m",  # Eq. 28
-    "background_lane_change_distance": "background_mean_target_gap_m",  # Eqs. 29-31
+    "subject_lane_change_distance": "subject_restricted_target_gap_m",  # Eq. 28
+    "background_lane_change_distance": "background_restricted_target_gap_m",  # Eqs. 29-31
     "cut_ins": "cut_ins_per_drive",  # Eq. 32
     "traffic_speed": "traffic_speed_mps",  # Eq. 33
     "traffic_density": "traffic_density_vehpkm",  # Eq. 34
@@ -62,7 +63,9 @@ def effectiveness(
     Deviation: a quantity that the field never shows is left out; one that only the simulation never shows is an error
         of 1, as the paper's relative errors are undefined in both cases. Cut-ins count per drive, averaged over runs,
         and the upper bound of Eq. 32 is half of the field's count but at least 1, since with the printed bound of 1
-        the error of a whole number is 0 or 1 and nothing between.
+        the error of a whole number is 0 or 1 and nothing between. Lane-changing distances are restricted means over
+        changes, censored ones included, since what the sensors see in full are the short ones, at times one change in
+        five. The background's are not averaged for each vehicle first (Eq. 29).
     """
     real, model = (dict(zip(tally_names, values, strict=True)) for values in (field, simulated))
     errors: dict[str, float | None] = {}
@@ -139,12 +142,12 @@ def bootstrap_interval(
 ) -> dict[str, tuple[float, float] | None]:
     """Return an interval for each error and for Eq. 23: drives and runs drawn with replacement."""
     generator = np.random.default_rng(seed)
-    samples: dict[str, list[float]] = {name: [] for name in (*MEASURE_OF, "vehicle_level")}
+    samples: dict[str, list[float]] = {name: [] for name in (*MEASURE_OF, VEHICLE_LEVEL_SUM)}
     for _ in range(num_draws):
         real = field[generator.integers(0, len(field), len(field))].sum(axis=0)
         model = runs[generator.integers(0, len(runs), len(runs))].sum(axis=0)
         drawn = effectiveness(measures, tally_names, real, model)
-        samples["vehicle_level"].append(drawn.vehicle_level)
+        samples[VEHICLE_LEVEL_SUM].append(drawn.vehicle_level)
         for name, error in drawn.errors.items():
             if error is not None:
                 samples[name].append(error)

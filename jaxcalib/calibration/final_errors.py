@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from jaxcalib.calibration.accuracy import (
+    VEHICLE_LEVEL_SUM,
     Effectiveness,
     bootstrap_interval,
     effectiveness,
@@ -47,7 +48,7 @@ class FinalErrors:
         interval: 90 % interval of each error, drives and runs drawn again.
         floor: mean errors of field-like sets of the same runs.
         floor_vehicle_level: mean of Eq. 23 over those sets.
-        floor_high: 95 % quantile of each.
+        floor_high: 95 % quantile of each error and of Eq. 23 over them.
     """
 
     pooled: Effectiveness
@@ -121,17 +122,19 @@ def final_errors(
         interval=bootstrap_interval(measures, names, field, runs.tally),
         floor=mean_errors(draws),
         floor_vehicle_level=float(np.mean([draw.vehicle_level for draw in draws])) if draws else float("nan"),
-        floor_high={name: _quantile([draw.errors[name] for draw in draws]) for name in singles[0].errors},
+        floor_high={
+            **{name: _quantile([draw.errors[name] for draw in draws]) for name in singles[0].errors},
+            VEHICLE_LEVEL_SUM: _quantile([draw.vehicle_level for draw in draws]),
+        },
     )
 
 
 def with_outcomes(problem: CalibrationProblem, role: Role, runs: FinalRuns, more: tuple[RunOutcome, ...]) -> FinalRuns:
-    """Return runs together with other runs of the same point and drives."""
-    departs_s = problem.departs_s(role)
-    used = [outcome for outcome in more if outcome.status.is_ok]
+    """Return runs together with those among others of the same point that could be drives of this role."""
     places: dict[float, list[int]] = {}
-    for place, depart_s in enumerate(departs_s):
+    for place, depart_s in enumerate(problem.departs_s(role)):
         places.setdefault(depart_s, []).append(place)
+    used = [outcome for outcome in more if outcome.status.is_ok and outcome.request.depart_s in places]
     seen: dict[float, int] = {}
     drive = []
     for outcome in used:  # drives that depart at the same time are alike; runs take them in turn

@@ -9,6 +9,12 @@ from jaxcalib.calibration.objective import LogEvidence, Objective
 from jaxcalib.problem import CalibrationProblem
 from jaxcalib.settings import Settings
 
+# The paper averages the lane-changing distances that it sees; the restricted means of the MoEs are no quotients.
+PRINTED = {
+    "subject_lane_change_distance": "subject_target_gap_m",
+    "background_lane_change_distance": "background_mean_target_gap_m",
+}
+
 
 def choose_objective(
     problem: CalibrationProblem,
@@ -27,7 +33,7 @@ def choose_objective(
     field = problem.field_of("fit")
     is_relative = settings.objective == "paper"
     if is_relative:
-        names = [MEASURE_OF[name] for name in (*VEHICLE_LEVEL, *TRAFFIC_LEVEL)]
+        names = [PRINTED.get(name, MEASURE_OF[name]) for name in (*VEHICLE_LEVEL, *TRAFFIC_LEVEL)]
         candidates = moments_of([problem.measures[name] for name in names], problem.tally_index)
     else:
         candidates = all_moments(problem.measures, problem.tally_index)

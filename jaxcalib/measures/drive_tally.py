@@ -119,7 +119,7 @@ def all_folds(settings: MeasureSettings) -> tuple[Fold, ...]:
         TrafficFlow(num_sections, num_rows),
         SubjectTravel(num_sections),
         CarFollowing(),
-        LaneChange(num_sections),
+        LaneChange(num_sections, settings.num_target_gap_classes),
         CutIn(),
         Overtaking(),
     )

@@ -2,7 +2,8 @@
 
 The paper's "lane-changing distance" is a gap: the space between the future leader's rear and the future follower's
 front in the target lane at the moment of the change. It is taken in the first frame in which the vehicle is in its new
-lane, and censored where one of the two is not within the sensor's range.
+lane, and censored where one of the two is not within the sensor's range: then it is longer than what is seen of it.
+Both kinds are counted by classes, from which a life table takes the mean.
 """
 
 import equinox as eqx
@@ -12,6 +13,7 @@ from jaxtyping import Array, Float
 from jaxcalib.measures.fold import Fold, by_index, indexed
 from jaxcalib.measures.scene import Scene
 
+TARGET_GAP_CLASS_M = 10.0  # of the life table
 TARGET_GAP_BORDER_M = (0.0, 20.0, 30.0, 40.0, 50.0, 65.0, 80.0, 100.0, 130.0, 170.0, 220.0, 300.0)
 
 
@@ -19,6 +21,7 @@ class LaneChange(Fold):
     """Lane changes of the subject vehicle and of the background traffic."""
 
     num_sections: int = eqx.field(static=True)
+    num_target_gap_classes: int = eqx.field(static=True)
 
     def names(self) -> tuple[str, ...]:
         """Return the names of the tallies."""
@@ -26,6 +29,8 @@ class LaneChange(Fold):
         for actor in ("subject", "background"):
             names += [f"{actor}_{part}" for part in _SUMS]
             names += indexed(f"{actor}_target_gap_bin", len(TARGET_GAP_BORDER_M) - 1)
+            names += indexed(f"{actor}_target_gap_class", self.num_target_gap_classes)
+            names += indexed(f"{actor}_target_gap_class_censored", self.num_target_gap_classes)
         names += ["tracked_distance_m", "lane_changers", "lane_changer_target_gap_m"]
         for part in ("section_left", "section_right", "section_distance_m"):
             names += indexed(part, self.num_sections)
@@ -35,7 +40,8 @@ class LaneChange(Fold):
         """Return what a scene adds."""
         counted: dict[str, Array] = {}
         for actor, is_actor in (("subject", scene.is_subject), ("background", scene.is_background)):
-            counted |= _sums(scene, actor, is_actor & scene.changes_lane)
+            changes = is_actor & scene.changes_lane
+            counted |= _sums(scene, actor, changes) | self._life_table(scene, actor, changes)
             over = jnp.where(is_actor & scene.is_vehicle, scene.crossing_s, jnp.nan)
             counted[f"{actor}_lane_change_durations"] = jnp.sum((~jnp.isnan(over)).astype(jnp.float32))
             counted[f"{actor}_lane_change_duration_s"] = jnp.nansum(over)
@@ -50,6 +56,17 @@ class LaneChange(Fold):
         counted |= by_index("section_right", per_section[1])
         counted |= by_index("section_distance_m", per_section[2])
         return counted
+
+    def _life_table(self, scene: Scene, actor: str, changes: Array) -> dict[str, Array]:
+        """Return how many gaps end in each class, and of how many nothing is seen beyond it."""
+        seen = jnp.maximum(scene.seen_target_gap_m, 0.0)  # an overlap is no gap
+        low = TARGET_GAP_CLASS_M * jnp.arange(self.num_target_gap_classes, dtype=jnp.float32)
+        in_class = (seen[:, None] >= low) & (seen[:, None] < low + TARGET_GAP_CLASS_M)
+        is_known = jnp.isfinite(scene.target_gap_m)
+        kinds = jnp.stack([changes & is_known, changes & ~is_known]).astype(jnp.float32)
+        per_class = kinds @ in_class.astype(jnp.float32)
+        name = f"{actor}_target_gap_class"
+        return by_index(name, per_class[0]) | by_index(f"{name}_censored", per_class[1])
 
     def track_names(self) -> tuple[str, ...]:
         """Return what is summed for each vehicle."""
@@ -71,6 +88,11 @@ class LaneChange(Fold):
             "lane_changers": jnp.sum((count > 0).astype(jnp.float32)),
             "lane_changer_target_gap_m": jnp.sum(mean),
         }
+
+
+def num_target_gap_classes(ahead_m: float, behind_m: float, nominal_length_m: float) -> int:
+    """Return how many classes lie within what sensors see of a gap beside them whatever its length."""
+    return max(int((min(ahead_m, behind_m) - nominal_length_m) / TARGET_GAP_CLASS_M), 1)
 
 
 _SUMS = (

@@ -23,6 +23,7 @@ class MeasureSettings(eqx.Module):
         least_speed_mps: below it a time headway means nothing.
         longest_headway_s: a vehicle further behind its leader does not follow it.
         num_tracks: places for vehicles that are remembered during a drive.
+        num_target_gap_classes: classes of the lane-changing distance within which none goes unseen.
     """
 
     road: ObservedRoad
@@ -30,6 +31,7 @@ class MeasureSettings(eqx.Module):
     least_speed_mps: Float[Array, ""]
     longest_headway_s: Float[Array, ""]
     num_tracks: int = eqx.field(static=True)
+    num_target_gap_classes: int = eqx.field(static=True)
 
 
 class Memory(eqx.Module):
@@ -72,6 +74,7 @@ class Scene(eqx.Module):
         changes_lane: whether the row is another one than in the frame before.
         moves_left: -1, 0 or 1: direction of that change.
         target_gap_m: space between the rear of the leader and the front of the follower; inf if one is not in range.
+        seen_target_gap_m: as much of that space as is within range.
     """
 
     frame: PerceptionFrame
@@ -98,6 +101,7 @@ class Scene(eqx.Module):
     changes_lane: Bool[Array, " object"]
     moves_left: Float[Array, " object"]
     target_gap_m: Float[Array, " object"]
+    seen_target_gap_m: Float[Array, " object"]
 
     @property
     def is_subject(self) -> Bool[Array, " object"]:
@@ -155,9 +159,8 @@ def look(frame: PerceptionFrame, memory: Memory, previous_s: Float[Array, ""], s
     leader_offset = jnp.concatenate([edge, offset[:-1]])
     follower_offset = jnp.concatenate([offset[1:], edge])
     spacing = jnp.where(has_leader, leader_offset - offset, jnp.inf)
-    target_gap = jnp.where(
-        has_leader & has_follower, leader_offset - settings.nominal_length_m - follower_offset, jnp.inf
-    )
+    seen_to = jnp.where(has_leader, leader_offset, frame.ahead_m) - settings.nominal_length_m
+    seen_target_gap = seen_to - jnp.where(has_follower, follower_offset, -frame.behind_m)
 
     moves = valid & (speed > settings.least_speed_mps)
     headway = jnp.where(moves, spacing / jnp.maximum(speed, settings.least_speed_mps), jnp.inf)
@@ -199,7 +202,8 @@ def look(frame: PerceptionFrame, memory: Memory, previous_s: Float[Array, ""], s
         is_free=is_free,
         changes_lane=changes,
         moves_left=jnp.where(changes, jnp.sign(here - before), 0.0),
-        target_gap_m=target_gap,
+        target_gap_m=jnp.where(has_leader & has_follower, seen_target_gap, jnp.inf),
+        seen_target_gap_m=seen_target_gap,
     )
 
 

@@ -32,13 +32,13 @@ def test_relative_errors_and_their_sum():
 
 
 def test_what_the_field_never_shows_is_left_out_and_says_so():
-    found = effectiveness(MEASURES, NAMES, tally({"subject_target_gap_m": np.nan}), tally({}))
+    found = effectiveness(MEASURES, NAMES, tally({"subject_restricted_target_gap_m": np.nan}), tally({}))
     assert found.errors["subject_lane_change_distance"] is None
     assert "never observed" in found.notes["subject_lane_change_distance"]
 
 
 def test_what_only_the_simulation_never_shows_is_an_error_of_one():
-    found = effectiveness(MEASURES, NAMES, tally({}), tally({"subject_target_gap_m": np.nan}))
+    found = effectiveness(MEASURES, NAMES, tally({}), tally({"subject_restricted_target_gap_m": np.nan}))
     assert found.errors["subject_lane_change_distance"] == 1.0
 
 

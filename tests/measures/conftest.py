@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import pytest
 
 from jaxcalib.measures.drive_tally import DriveTally, drive_tally
+from jaxcalib.measures.lane_change import num_target_gap_classes
 from jaxcalib.measures.measure import Measure, MeasureValue
 from jaxcalib.measures.observed_road import ObservedRoad
 from jaxcalib.measures.registry import all_measures
@@ -41,6 +42,7 @@ def tally(road: ObservedRoad) -> DriveTally:
             least_speed_mps=jnp.asarray(2.0),
             longest_headway_s=jnp.asarray(6.0),
             num_tracks=NUM_TRACKS,
+            num_target_gap_classes=num_target_gap_classes(100.0, 60.0, 4.5),
         )
     )
 
@@ -57,8 +59,8 @@ def count(tally: DriveTally) -> Callable[[PerceptionFrame], dict[str, float]]:
 
 
 @pytest.fixture(scope="session")
-def measures(road: ObservedRoad) -> Mapping[str, Measure]:
-    return all_measures(road)
+def measures(tally: DriveTally) -> Mapping[str, Measure]:
+    return all_measures(tally.settings)
 
 
 @pytest.fixture(scope="session")

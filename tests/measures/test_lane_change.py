@@ -98,6 +98,44 @@ def test_a_gap_longer_than_the_range_is_censored_not_short(
         assert gap.value == pytest.approx(90.0 - 4.5 + 50.0)
 
 
+@pytest.mark.parametrize(
+    ("leader_m", "follower_m", "seen_m"),
+    [(90.0, -50.0, 135.5), (110.0, -30.0, 125.5), (90.0, -70.0, 145.5), (110.0, -70.0, 155.5), (22.0, 18.0, -0.5)],
+)
+@pytest.mark.parametrize("own_m", [20.0, 19.0])
+def test_a_censored_gap_is_longer_than_what_is_seen_of_it(
+    count: Count, measure: MeasureOf, leader_m: float, follower_m: float, seen_m: float, own_m: float
+):
+    """Sensors see 100 m ahead and 60 m behind: classes of 10 m reach to 50 m, where every gap beside them is seen."""
+    one = np.ones(2)
+    subject = SubjectTable(
+        np.asarray([1.0, 1.5]), one * 500, one * 15.0, one * 0.0, np.ones(2, int), one * np.nan, one * 2
+    )
+    leader = [leader_m] if leader_m <= 100.0 else []
+    follower = [follower_m] if follower_m >= -60.0 else []
+    offsets = [*leader, *follower, own_m]
+    tracks = [*[1] * len(leader), *[2] * len(follower), 0]
+    rows = [*[0] * (len(offsets) - 1), 1, *[0] * len(offsets)]
+    table = ObjectTable(
+        instant=np.repeat([0, 1], len(offsets)),
+        track=np.asarray(tracks * 2),
+        row=np.asarray(rows),
+        offset_m=np.asarray(offsets * 2),
+        speed_mps=np.full(2 * len(offsets), 15.0),
+        lateral_m=np.full(2 * len(offsets), np.nan),
+    )
+    frames = stack_frames(subject, table, 100.0, 60.0, least_places=8)
+    tallies = count(frames)
+    ended = [tallies[f"background_target_gap_class[{k}]"] for k in range(5)]
+    censored = [tallies[f"background_target_gap_class_censored[{k}]"] for k in range(5)]
+    is_known = bool(leader and follower)
+    assert sum(censored) == 0  # all of them reach the limit
+    assert ended == ([1, 0, 0, 0, 0] if seen_m < 0 else [0] * 5)
+    restricted = measure(frames, "background_restricted_target_gap_m")
+    assert (restricted.num_observations, restricted.num_censored) == (1, 0 if is_known else 1)
+    assert restricted.value == pytest.approx(5.0 if seen_m < 0 else 50.0)
+
+
 def test_target_gaps_are_averaged_for_each_vehicle_first(measure: MeasureOf, count: Count):
     """Track 2 changes twice (gaps of 60.5 and 20.5 m), track 3 once (47.5 m)."""
     ego, wall = Car(EGO, 2, 400.0, 0.0), (Car(0, 0, 440.0, 0.0), Car(1, 0, 375.0, 0.0), Car(4, 1, 430.0, 0.0))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from jaxcalib.measures.drive_tally import DriveTally
-from jaxcalib.measures.measure import Deviation, Level, Measure, Percentile
+from jaxcalib.measures.measure import Deviation, Level, Measure, Percentile, RestrictedMean
 
 BORDERS = (0.0, 0.5, 1.0, 1.5, 2.5, 4.0)
 
@@ -100,6 +100,48 @@ def test_a_percentile_passes_over_empty_bins():
     assert percentile(0.5).value(bins(values)).value == pytest.approx(0.5)
     assert percentile(0.75).value(bins(values)).value == pytest.approx(3.25)
     assert percentile(0.5).value(bins(np.empty(0))).reason == "never observed"
+
+
+def restricted(ended: list[float], censored: list[float], total: float, width: float = 10.0) -> float:
+    """Return the restricted mean of a life table."""
+    measure = RestrictedMean(
+        "r", "", Level.VEHICLE, "ends", "all", censored="beyond", censored_classes="lost",
+        num_classes=len(ended), class_width=width,
+    )  # fmt: skip
+    tally = {f"ends[{k}]": one for k, one in enumerate(ended)} | {f"lost[{k}]": one for k, one in enumerate(censored)}
+    value = measure.value(tally | {"all": total, "beyond": sum(censored)})
+    assert set(measure.tallies()) == {*tally, "all", "beyond"}
+    assert (value.num_observations, value.num_censored) == (total, sum(censored))
+    return value.value
+
+
+def test_a_restricted_mean_without_censoring_is_that_of_the_lesser_of_value_and_limit():
+    # two end between 10 and 20, one between 30 and 40, three reach the limit: in the middle of their classes on average
+    assert restricted([0, 2, 0, 1], [0, 0, 0, 0], 6) == pytest.approx((2 * 15 + 35 + 3 * 40) / 6)
+    assert restricted([0, 0], [0, 0], 4) == pytest.approx(20.0)
+    assert np.isnan(restricted([0, 0], [0, 0], 0))
+
+
+def test_a_life_table_by_hand():
+    # 10 begin; class 1: 2 end, 2 censored: 2 / (10 - 1); class 2: 6 at risk, 3 end; class 3: 3 at risk, 3 censored
+    after_1, after_2 = 1 - 2 / 9, (1 - 2 / 9) * 0.5
+    mean = 10 * ((1 + after_1) / 2 + (after_1 + after_2) / 2 + after_2)
+    assert restricted([2, 3, 0], [2, 0, 3], 10) == pytest.approx(mean)
+    assert restricted([2, 3, 0, 0], [2, 0, 3, 0], 10) == pytest.approx(mean + 10 * after_2)  # nothing left at risk
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_restricted_mean_finds_what_leaving_out_the_censored_misses(seed: int):
+    """Gaps of an exponential distribution, seen up to an even distance of their own."""
+    rng = np.random.default_rng(seed)
+    gap, seen_to = rng.exponential(60.0, 20_000), rng.uniform(20.0, 200.0, 20_000)
+    seen, is_known = np.minimum(gap, seen_to), gap <= seen_to
+    borders = np.arange(0.0, 150.0, 10.0)
+    ended, lost = (np.histogram(seen[chosen], borders)[0].tolist() for chosen in (is_known, ~is_known))
+    measure = restricted(ended, lost, len(gap))
+    truth = 60.0 * (1.0 - np.exp(-140.0 / 60.0))
+    assert measure == pytest.approx(truth, rel=0.02)
+    assert np.minimum(gap[is_known], 140.0).mean() < 0.8 * truth
 
 
 def test_every_measure_finds_its_tallies(measures: Mapping[str, Measure], tally: DriveTally):
