@@ -64,6 +64,7 @@ class CalibrationResult(msgspec.Struct, frozen=True):
         parameter_table: each parameter with its interval.
         vehicle_level_error: Eq. 23 with its 90 % interval, by calibration and role.
         intervals: 90 % intervals of the errors, by calibration and role.
+        change: errors calibrated less those uncalibrated, with 90 % intervals, by role; above 0 is worse.
         per_seed: mean over seeds of the errors of single rounds of drives.
         noise_floor_high: 95 % quantile of the noise floor.
         transfer: surrogate against SUMO, per measure.
@@ -86,6 +87,7 @@ class CalibrationResult(msgspec.Struct, frozen=True):
     parameter_table: dict[str, Interval]
     vehicle_level_error: dict[str, dict[str, Any]]
     intervals: dict[str, Any]
+    change: dict[str, Any]
     per_seed: dict[str, Any]
     noise_floor_high: dict[str, Any]
     transfer: list[dict[str, Any]]

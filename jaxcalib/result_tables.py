@@ -51,6 +51,7 @@ def build_result(record: CalibrationRecord) -> CalibrationResult:
         parameter_table=_parameter_table(record),
         vehicle_level_error=_vehicle_level(errors),
         intervals=_by_role(errors, lambda one: one.interval),
+        change=_changes(errors),
         per_seed=_by_role(errors, lambda one: one.per_seed),
         noise_floor_high={role: one.floor_high if one else {} for role, one in errors["calibrated"].items()},
         transfer=[
@@ -177,6 +178,17 @@ def _by_role(errors: dict[str, dict[Any, FinalErrors | None]], part: Any) -> dic
         calibration: {role: part(one) if one else {} for role, one in by_role.items()}
         for calibration, by_role in errors.items()
     }
+
+
+def _changes(errors: dict[str, dict[Any, FinalErrors | None]]) -> dict[str, Any]:
+    table: dict[str, Any] = {}
+    for role, after in errors["calibrated"].items():
+        before = errors["no_calibration"][role]
+        changes = after.change_since(before) if after and before else {}
+        table[role] = {
+            name: {"value": _rounded(one.value), "interval_90": one.interval_90} for name, one in changes.items()
+        }
+    return table
 
 
 def _parameter_table(record: CalibrationRecord) -> dict[str, Interval]:

@@ -129,30 +129,3 @@ def mean_errors(draws: list[Effectiveness]) -> dict[str, float | None]:
         known = [draw.errors[name] for draw in draws if draw.errors[name] is not None]
         means[name] = float(np.mean(np.asarray(known, float))) if known else None
     return means
-
-
-def bootstrap_interval(
-    measures: Mapping[str, Measure],
-    tally_names: tuple[str, ...],
-    field: Float[np.ndarray, "drive tally"],
-    runs: Float[np.ndarray, "run tally"],
-    probability: float = 0.9,
-    num_draws: int = 200,
-    seed: int = 0,
-) -> dict[str, tuple[float, float] | None]:
-    """Return an interval for each error and for Eq. 23: drives and runs drawn with replacement."""
-    generator = np.random.default_rng(seed)
-    samples: dict[str, list[float]] = {name: [] for name in (*MEASURE_OF, VEHICLE_LEVEL_SUM)}
-    for _ in range(num_draws):
-        real = field[generator.integers(0, len(field), len(field))].sum(axis=0)
-        model = runs[generator.integers(0, len(runs), len(runs))].sum(axis=0)
-        drawn = effectiveness(measures, tally_names, real, model)
-        samples[VEHICLE_LEVEL_SUM].append(drawn.vehicle_level)
-        for name, error in drawn.errors.items():
-            if error is not None:
-                samples[name].append(error)
-    low, high = (1.0 - probability) / 2.0, (1.0 + probability) / 2.0
-    return {
-        name: (float(np.quantile(values, low)), float(np.quantile(values, high))) if values else None
-        for name, values in samples.items()
-    }

@@ -9,11 +9,11 @@ from jaxtyping import Float
 from jaxcalib.calibration.accuracy import (
     VEHICLE_LEVEL_SUM,
     Effectiveness,
-    bootstrap_interval,
     effectiveness,
     mean_errors,
     noise_floor,
 )
+from jaxcalib.calibration.bootstrap import Samples, bootstrap_errors, interval_of
 from jaxcalib.calibration.evaluator import gather
 from jaxcalib.case import Role
 from jaxcalib.journal import JournaledSumo
@@ -39,13 +39,21 @@ class FinalRuns:
 
 
 @dataclass(frozen=True)
+class Change:
+    """By how much an error is larger than before; None where one of the two is missing."""
+
+    value: float | None
+    interval_90: tuple[float, float] | None
+
+
+@dataclass(frozen=True)
 class FinalErrors:
     """Errors on the drives of one role.
 
     Attributes:
         pooled: errors of all runs pooled.
         per_seed: mean over seeds of the errors of one run per drive.
-        interval: 90 % interval of each error, drives and runs drawn again.
+        samples: each error and Eq. 23 with drives and runs drawn again.
         floor: mean errors of field-like sets of the same runs.
         floor_vehicle_level: mean of Eq. 23 over those sets.
         floor_high: 95 % quantile of each error and of Eq. 23 over them.
@@ -53,10 +61,28 @@ class FinalErrors:
 
     pooled: Effectiveness
     per_seed: dict[str, float | None]
-    interval: dict[str, tuple[float, float] | None]
+    samples: Samples
     floor: dict[str, float | None]
     floor_vehicle_level: float
     floor_high: dict[str, float | None]
+
+    @property
+    def interval(self) -> dict[str, tuple[float, float] | None]:
+        """90 % interval of each error and of Eq. 23."""
+        return {name: interval_of(samples) for name, samples in self.samples.items()}
+
+    def change_since(self, before: "FinalErrors") -> dict[str, Change]:
+        """Return by how much each error and Eq. 23 exceed those of another simulation of the same drives."""
+        changes = {}
+        for name, samples in self.samples.items():
+            after, other = self.error(name), before.error(name)
+            value = None if after is None or other is None else after - other
+            changes[name] = Change(value, interval_of(samples - before.samples[name]))
+        return changes
+
+    def error(self, name: str) -> float | None:
+        """Return an error or Eq. 23, all runs pooled."""
+        return self.pooled.vehicle_level if name == VEHICLE_LEVEL_SUM else self.pooled.errors[name]
 
 
 def start_final_runs(
@@ -119,7 +145,7 @@ def final_errors(
     return FinalErrors(
         pooled=effectiveness(measures, names, real, runs.tally.sum(axis=0)),
         per_seed=mean_errors(singles),
-        interval=bootstrap_interval(measures, names, field, runs.tally),
+        samples=bootstrap_errors(measures, names, field, runs.tally),
         floor=mean_errors(draws),
         floor_vehicle_level=float(np.mean([draw.vehicle_level for draw in draws])) if draws else float("nan"),
         floor_high={

@@ -58,6 +58,13 @@ def verdict(result: CalibrationResult, role: str) -> str:
         if error is not None and error > (result.noise_floor_high[role].get(name) or 0.0)
     ]
     sentence += f"; two sets of drives that differ in nothing but chance are {_percent(floor)} apart."
+    worse = [
+        name.replace("_", " ")
+        for name, change in result.change[role].items()
+        if change["interval_90"] and change["interval_90"][0] > 0.0
+    ]
+    if worse:
+        sentence += f" Worse than before calibration, beyond noise: {', '.join(worse)}."
     return sentence + (
         f" Beyond what chance explains lie: {', '.join(above)}."
         if above

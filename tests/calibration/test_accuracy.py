@@ -9,6 +9,7 @@ from jaxcalib.calibration.accuracy import (
     mean_errors,
     noise_floor,
 )
+from jaxcalib.calibration.bootstrap import bootstrap_errors, interval_of
 from jaxcalib.measures.measure import Level, Measure
 
 MEASURES = {name: Measure(name, "", Level.VEHICLE, f"{name}.sum", f"{name}.count") for name in set(MEASURE_OF.values())}
@@ -59,3 +60,24 @@ def test_noise_floor_is_zero_without_noise_and_grows_with_it():
     floor = mean_errors(noise_floor(MEASURES, NAMES, noisy, drive, 50))["traffic_speed"]
     assert floor is not None
     assert 0.02 < floor < 0.12  # mean absolute error of a mean of 3 with a deviation of 10 % is about 5 %
+
+
+def test_samples_of_two_simulations_draw_the_same_drives():
+    """Against the field 2, 3 and 4 the errors of 3.3 and 3.6 differ by 0.3 / mean, whichever drives are drawn."""
+    field = np.stack([tally({"traffic_speed_mps": speed}) for speed in (2.0, 3.0, 4.0)])
+    near, far = (np.stack([tally({"traffic_speed_mps": speed})] * 5) for speed in (4.3, 4.6))
+    after, before = (bootstrap_errors(MEASURES, NAMES, field, runs, 100) for runs in (near, far))
+    change = after["traffic_speed"] - before["traffic_speed"]
+    assert len(np.unique(after["traffic_speed"].round(6))) > 3
+    assert ((change > -0.3 / 2.0 - 1e-6) & (change < -0.3 / 4.0 + 1e-6)).all()
+    low_high = interval_of(change)
+    assert low_high is not None
+    assert low_high[1] < 0.0
+    assert interval_of(np.full(4, np.nan)) is None
+
+
+def test_an_error_that_the_field_never_shows_has_no_samples():
+    field = np.stack([tally({"subject_restricted_target_gap_m": np.nan})] * 3)
+    samples = bootstrap_errors(MEASURES, NAMES, field, np.stack([tally({})] * 4), 20)
+    assert np.isnan(samples["subject_lane_change_distance"]).all()
+    assert np.isfinite(samples["vehicle_level"]).all()

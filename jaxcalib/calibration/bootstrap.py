@@ -1,0 +1,56 @@
+"""Errors of simulations and drives drawn again, for the intervals of errors and of their change."""
+
+from collections.abc import Mapping
+
+import numpy as np
+from jaxtyping import Float
+
+from jaxcalib.calibration.accuracy import MEASURE_OF, VEHICLE_LEVEL_SUM, effectiveness
+from jaxcalib.measures.measure import Measure
+
+NUM_DRAWS = 200
+PROBABILITY = 0.9
+
+Samples = Mapping[str, Float[np.ndarray, " draw"]]
+
+
+def bootstrap_errors(
+    measures: Mapping[str, Measure],
+    tally_names: tuple[str, ...],
+    field: Float[np.ndarray, "drive tally"],
+    runs: Float[np.ndarray, "run tally"],
+    num_draws: int = NUM_DRAWS,
+    seed: int = 0,
+) -> Samples:
+    """Return samples of each error and of Eq. 23, drives and runs drawn with replacement; nan where there is none.
+
+    The same seed draws the same drives, whatever the runs: samples of two simulations can be compared one by one.
+
+    Args:
+        measures: all measures, by name.
+        tally_names: names of the tallies.
+        field: tallies of each drive.
+        runs: tallies of each run.
+        num_draws: number of samples.
+        seed: of the draws.
+    """
+    of_drives, of_runs = (np.random.default_rng(one) for one in np.random.SeedSequence(seed).spawn(2))
+    samples = {name: np.full(num_draws, np.nan) for name in (*MEASURE_OF, VEHICLE_LEVEL_SUM)}
+    for draw in range(num_draws):
+        real = field[of_drives.integers(0, len(field), len(field))].sum(axis=0)
+        model = runs[of_runs.integers(0, len(runs), len(runs))].sum(axis=0)
+        drawn = effectiveness(measures, tally_names, real, model)
+        samples[VEHICLE_LEVEL_SUM][draw] = drawn.vehicle_level
+        for name, error in drawn.errors.items():
+            if error is not None:
+                samples[name][draw] = error
+    return samples
+
+
+def interval_of(samples: Float[np.ndarray, " draw"]) -> tuple[float, float] | None:
+    """Return the interval that holds most of the samples that there are; None if there is none."""
+    known = samples[np.isfinite(samples)]
+    if not len(known):
+        return None
+    low, high = np.quantile(known, [(1.0 - PROBABILITY) / 2.0, (1.0 + PROBABILITY) / 2.0])
+    return float(low), float(high)
