@@ -106,7 +106,7 @@ def _floor_runs(record: CalibrationRecord, role: Role) -> FinalRuns:
     values = record.initial.space.values_of(record.confirmation.best[None])[0]
     confirming = [one for one in record.confirmation.outcomes if np.array_equal(one.request.values, values)]
     others = [one for other in ROLES if other != role for one in record.calibrated[other].outcomes]
-    return with_outcomes(record.problem, role, record.calibrated[role], (*others, *confirming))
+    return with_outcomes(record.calibrated[role], record.problem.departs_s(role), (*others, *confirming))
 
 
 def _mops(record: CalibrationRecord, notes: dict[str, str]) -> dict[str, dict[str, dict[str, float | None]]]:

@@ -155,21 +155,27 @@ def final_errors(
     )
 
 
-def with_outcomes(problem: CalibrationProblem, role: Role, runs: FinalRuns, more: tuple[RunOutcome, ...]) -> FinalRuns:
-    """Return runs together with those among others of the same point that could be drives of this role."""
+def with_outcomes(runs: FinalRuns, departs_s: tuple[float, ...], more: tuple[RunOutcome, ...]) -> FinalRuns:
+    """Return runs together with those among others of the same point that could stand for the same drives.
+
+    Args:
+        runs: runs that stand for drives.
+        departs_s: when the subject vehicle departs in each drive.
+        more: other runs; those that failed or depart at another time are left out.
+    """
     places: dict[float, list[int]] = {}
-    for place, depart_s in enumerate(problem.departs_s(role)):
+    for place, depart_s in enumerate(departs_s):
         places.setdefault(depart_s, []).append(place)
     used = [outcome for outcome in more if outcome.status.is_ok and outcome.request.depart_s in places]
+    if not used:
+        return runs
     seen: dict[float, int] = {}
     drive = []
     for outcome in used:  # drives that depart at the same time are alike; runs take them in turn
         depart_s = outcome.request.depart_s
         seen[depart_s] = seen.get(depart_s, -1) + 1
         drive.append(places[depart_s][seen[depart_s] % len(places[depart_s])])
-    tally = np.asarray([outcome.observed for outcome in used], float).reshape(len(used), -1)
-    if not used:
-        return runs
+    tally = np.asarray([outcome.observed for outcome in used], float)
     return FinalRuns(
         np.vstack([runs.tally, tally]), np.concatenate([runs.drive, drive]).astype(int), (*runs.outcomes, *used)
     )
