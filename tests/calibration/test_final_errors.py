@@ -7,8 +7,8 @@ DEPARTS_S = (300.0, 340.0, 300.0)
 
 
 def outcome(depart_s: float, value: float, status: Status = Status.OK) -> RunOutcome:
-    observed = np.asarray([value, 2.0 * value]) if status.is_ok else np.zeros(0)
-    return RunOutcome(RunRequest((1.0,), int(value), depart_s), status, observed)
+    observed = np.asarray([value, 2.0 * value]) if status.is_ok else None
+    return RunOutcome(RunRequest((1.0,), int(value), depart_s), status, observed, np.ones(1), np.ones(1), 0)
 
 
 def test_other_runs_stand_for_the_drives_that_depart_as_they_do_in_turn():
