@@ -3,18 +3,14 @@
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from surrogate.car_following.base import CarFollowingModel, FollowingSituation
-from surrogate.car_following.safe_speed import (
-    krauss_secure_gap_m,
-    late_braking_speed_mps,
-    safe_follow_speed_mps,
-    safe_stop_speed_mps,
-)
+from surrogate.car_following.base import FollowingSituation
+from surrogate.car_following.late_braking import LateBrakingModel
+from surrogate.car_following.safe_speed import safe_follow_speed_mps
 
 Value = Float[Array, "..."]
 
 
-class Krauss(CarFollowingModel):
+class Krauss(LateBrakingModel):
     """Krauss' model: as fast as is safe, with random dawdling.
 
     Attributes:
@@ -52,29 +48,3 @@ class Krauss(CarFollowingModel):
         scale = jnp.where(wanted < self.max_acceleration_mps2 * step_s, wanted, self.max_acceleration_mps2 * step_s)
         dawdled = jnp.maximum(0.0, wanted - self.imperfection * scale * situation.uniform)
         return (dawdled - v) / step_s
-
-    def stop_acceleration(self, situation: FollowingSituation, distance_m: Value, step_s: float) -> Value:
-        """Return the acceleration to the speed from which the vehicle still stands in time."""
-        safe = safe_stop_speed_mps(distance_m, self.max_deceleration_mps2, self.time_gap_s, step_s)
-        return (safe - situation.speed_mps) / step_s
-
-    def slow_acceleration(
-        self, situation: FollowingSituation, distance_m: Value, target_speed_mps: Value, step_s: float
-    ) -> Value:
-        """Brake so late that the lower limit is just met."""
-        bound = late_braking_speed_mps(distance_m, target_speed_mps, self.max_deceleration_mps2, step_s)
-        accelerate = jnp.maximum((bound - situation.speed_mps) / step_s, -self.max_deceleration_mps2)
-        return jnp.where(distance_m == jnp.inf, jnp.inf, accelerate)
-
-    def secure_gap_m(
-        self, speed_mps: Value, leader_speed_mps: Value, leader_deceleration_mps2: Value, step_s: float
-    ) -> Value:
-        """Return the Krauss gap."""
-        return krauss_secure_gap_m(
-            speed_mps,
-            leader_speed_mps,
-            self.max_deceleration_mps2,
-            leader_deceleration_mps2,
-            self.time_gap_s,
-            step_s,
-        )

@@ -9,15 +9,15 @@ import abc
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from surrogate.car_following.base import CarFollowingModel, FollowingSituation
-from surrogate.car_following.safe_speed import krauss_secure_gap_m, late_braking_speed_mps, safe_stop_speed_mps
+from surrogate.car_following.base import FollowingSituation
+from surrogate.car_following.late_braking import LateBrakingModel
 
 Value = Float[Array, "..."]
 SPEED_OF_CC9_MPS = 80.0 / 3.6
 HARDEST_BRAKING_MPS2 = 10.0
 
 
-class Wiedemann99(CarFollowingModel):
+class Wiedemann99(LateBrakingModel):
     """The ten parameters; the CC number comes first in each name because everybody knows it.
 
     Attributes:
@@ -72,39 +72,14 @@ class Wiedemann99(CarFollowingModel):
         del step_s
         return self.follow_acceleration(situation)
 
-    def stop_acceleration(self, situation: FollowingSituation, distance_m: Value, step_s: float) -> Value:
-        """Brake with `max_deceleration_mps2` as late as that lets the vehicle stand in time.
+    def stop_reaction_time_s(self, step_s: float) -> Value:
+        """Return one step.
 
         Source: `MSCFModel_W99::stopSpeed`, SUMO 1.28 (measured: the earlier version also followed a standing leader).
+        The secure gap is that of `MSCFModel`, as the gaps in SUMO 1.28's lane-change output show; its sources of 2020
+        took the perception threshold SDXv where that was larger.
         """
-        reaction_s = jnp.full((), step_s)
-        safe_mps = safe_stop_speed_mps(distance_m, self.max_deceleration_mps2, reaction_s, step_s)
-        return (safe_mps - situation.speed_mps) / step_s
-
-    def slow_acceleration(
-        self, situation: FollowingSituation, distance_m: Value, target_speed_mps: Value, step_s: float
-    ) -> Value:
-        """Brake with `max_deceleration_mps2` so late that the lower limit is just met."""
-        bound = late_braking_speed_mps(distance_m, target_speed_mps, self.max_deceleration_mps2, step_s)
-        accelerate = jnp.maximum((bound - situation.speed_mps) / step_s, -self.max_deceleration_mps2)
-        return jnp.where(distance_m == jnp.inf, jnp.inf, accelerate)
-
-    def secure_gap_m(
-        self, speed_mps: Value, leader_speed_mps: Value, leader_deceleration_mps2: Value, step_s: float
-    ) -> Value:
-        """Return the Krauss gap.
-
-        Source: `MSCFModel::getSecureGap`, as the gaps in SUMO 1.28's lane-change output show; its sources of 2020 took
-        the perception threshold SDXv where that was larger.
-        """
-        return krauss_secure_gap_m(
-            speed_mps,
-            leader_speed_mps,
-            self.max_deceleration_mps2,
-            leader_deceleration_mps2,
-            self.cc1_time_gap_s,
-            step_s,
-        )
+        return jnp.full((), step_s)
 
 
 class Wiedemann99Sumo(Wiedemann99):

@@ -1,0 +1,53 @@
+"""The model of Gazis, Herman and Rothery: drivers answer to a difference in speed, and to nothing else."""
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from surrogate.car_following.base import FollowingSituation
+from surrogate.car_following.late_braking import LateBrakingModel
+
+Value = Float[Array, "..."]
+SMALLEST_SPEED_MPS = 0.1  # else a driver who stands would stand for ever
+SMALLEST_GAP_M = 0.1
+FREE_EXPONENT = 4.0
+
+
+class GazisHermanRothery(LateBrakingModel):
+    """Gazis-Herman-Rothery model (GHR, General Motors).
+
+    Attributes:
+        sensitivity: alpha, m^gamma (m/s)^-beta / s.
+        speed_exponent: beta, of the own speed.
+        gap_exponent: gamma, of the gap.
+        max_acceleration_mps2: on a free road.
+        jam_gap_m: for stops, not part of the model.
+        time_gap_s: for gaps of lane changes, not part of the model.
+        max_deceleration_mps2: for stops and gaps of lane changes, not part of the model.
+        emergency_deceleration_mps2: physical bound.
+
+    Source: Gazis, Herman & Rothery (1961), Oper. Res. 9, 545; a = alpha v^beta dv / h^gamma.
+    Deviation: h is the gap instead of the spacing, so that it needs no vehicle length; there is no reaction time. The
+    model has no free road and no equilibrium gap: without a leader, and wherever that is less, a driver accelerates to
+    his desired speed as an IDM driver would.
+    """
+
+    jam_gap_m: Value
+    time_gap_s: Value
+    max_acceleration_mps2: Value
+    max_deceleration_mps2: Value
+    emergency_deceleration_mps2: Value
+    sensitivity: Value
+    speed_exponent: Value
+    gap_exponent: Value
+
+    def acceleration(self, situation: FollowingSituation, step_s: float) -> Value:
+        """Return the lesser of following and driving freely."""
+        del step_s
+        v = jnp.maximum(situation.speed_mps, SMALLEST_SPEED_MPS)
+        share = v / jnp.maximum(situation.desired_speed_mps, SMALLEST_SPEED_MPS)
+        free = self.max_acceleration_mps2 * (1.0 - share**FREE_EXPONENT)
+        has_leader = situation.gap_m < jnp.inf
+        gap = jnp.where(has_leader, jnp.maximum(situation.gap_m, SMALLEST_GAP_M), 1.0)
+        gain = self.sensitivity * jnp.exp(self.speed_exponent * jnp.log(v) - self.gap_exponent * jnp.log(gap))
+        follow = gain * (situation.leader_speed_mps - situation.speed_mps)
+        return jnp.where(has_leader, jnp.minimum(follow, free), free)

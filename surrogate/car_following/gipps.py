@@ -1,0 +1,47 @@
+"""Gipps' model: the lesser of what the driver wants and what lets him stop behind a leader who brakes."""
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from surrogate.car_following.base import FollowingSituation
+from surrogate.car_following.late_braking import LateBrakingModel
+
+Value = Float[Array, "..."]
+FARTHEST_GAP_M = 1e6
+SMALLEST_SPEED_MPS = 1e-3
+
+
+class Gipps(LateBrakingModel):
+    """Gipps' model.
+
+    Attributes:
+        jam_gap_m: gap kept at standstill.
+        time_gap_s: reaction time tau; in equilibrium the time gap is half as long again.
+        max_acceleration_mps2: a.
+        max_deceleration_mps2: b, the deceleration that the driver is ready to use; a positive number.
+        emergency_deceleration_mps2: physical bound, not part of the published model.
+        leader_deceleration_mps2: b-hat, what he expects of his leader; a positive number.
+
+    Source: Gipps (1981), Transp. Res. B 15, 105, eq. (1).
+    Deviation: the published model sets a new speed once per reaction time; here a driver approaches that speed within
+    a reaction time, step by step, so that the model does not depend on the step.
+    """
+
+    jam_gap_m: Value
+    time_gap_s: Value
+    max_acceleration_mps2: Value
+    max_deceleration_mps2: Value
+    emergency_deceleration_mps2: Value
+    leader_deceleration_mps2: Value
+
+    def acceleration(self, situation: FollowingSituation, step_s: float) -> Value:
+        """Return the acceleration towards the speed of eq. (1)."""
+        del step_s
+        v, vl, tau = situation.speed_mps, situation.leader_speed_mps, self.time_gap_s
+        b = self.max_deceleration_mps2
+        share = v / jnp.maximum(situation.desired_speed_mps, SMALLEST_SPEED_MPS)
+        free = v + 2.5 * self.max_acceleration_mps2 * tau * (1.0 - share) * jnp.sqrt(0.025 + share)
+        room = jnp.minimum(situation.gap_m, FARTHEST_GAP_M) - self.jam_gap_m
+        square = b * (b * tau * tau + 2.0 * room - v * tau + vl * vl / self.leader_deceleration_mps2)
+        safe = jnp.sqrt(jnp.maximum(square, SMALLEST_SPEED_MPS**2)) - b * tau
+        return (jnp.minimum(free, safe) - v) / tau
