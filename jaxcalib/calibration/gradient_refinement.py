@@ -16,7 +16,7 @@ import numpy as np
 import optax
 from jaxtyping import Array, Float
 
-from jaxcalib.calibration.objective import LogEvidence
+from jaxcalib.calibration.evidence import Evidence
 from jaxcalib.calibration.search_box import SearchBox
 from jaxcalib.initial_values.initial_point import InitialPoint
 from jaxcalib.search.response_surface import ResponseSurface
@@ -52,7 +52,7 @@ class GradientRefinement:
 def refine(
     start: Float[np.ndarray, " parameter"],
     initial: InitialPoint,
-    evidence: LogEvidence,
+    evidence: Evidence,
     surface: ResponseSurface,
     box: SearchBox,
     num_moments: int,
@@ -62,10 +62,10 @@ def refine(
     Args:
         start: in the unit cube.
         initial: what the logs said, with the loss of their pairs.
-        evidence: what the objective makes of it.
+        evidence: what is known of the parameters.
         surface: response of the whitened residuals in the box; the first `num_moments` are those of moments.
         box: where the surface lives.
-        num_moments: residuals behind them are the logs' evidence, which the replay itself stands for here.
+        num_moments: residuals behind them are the evidence; that of the pairs is the replay itself here.
     """
     loss, drivers = initial.drivers.replay_loss, initial.drivers
     if loss is None:
@@ -80,9 +80,8 @@ def refine(
     if not np.isfinite(scale):
         return None
 
-    known = np.isfinite(evidence.error)
-    known[fitted] = False
-    weight = jnp.asarray(np.where(known, 1.0 / np.maximum(evidence.error, 1e-9), 0.0), jnp.float32)
+    of_others = ~(evidence.whitener[:, fitted] != 0.0).any(axis=1)
+    whitener = jnp.asarray(evidence.whitener[of_others], jnp.float32)
     base, slope, curvature = (
         jnp.asarray(part[:num_moments], jnp.float32) for part in (surface.intercept, surface.slope, surface.curvature)
     )
@@ -93,8 +92,8 @@ def refine(
     def misfit(unit: Array) -> Array:
         z = ((unit[chosen] - lower) / width - center) / surface.radius
         residual = base + slope @ z + 0.5 * curvature @ z**2
-        logs = weight * (unit - jnp.asarray(evidence.unit, jnp.float32))
-        return jnp.sum(residual**2) + jnp.sum(logs**2) + scale * loss(to_values(unit[jnp.asarray(fitted)]))
+        known = whitener @ (unit - jnp.asarray(evidence.unit, jnp.float32))
+        return jnp.sum(residual**2) + jnp.sum(known**2) + scale * loss(to_values(unit[jnp.asarray(fitted)]))
 
     automatic = np.asarray(slopes(jnp.asarray(start[fitted], jnp.float32)), float)
     central = _central_differences(replay, start[fitted])

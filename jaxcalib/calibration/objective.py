@@ -6,29 +6,12 @@ from typing import Protocol
 import numpy as np
 from jaxtyping import Float
 
+from jaxcalib.calibration.evidence import Evidence
 from jaxcalib.calibration.moments import Moments
 from jaxcalib.measures.measure import Level
 
 NEVER_SHOWN = 1.0  # relative error of a quantity that the field shows and the simulation never
 MODEL_ERROR = 0.02  # relative; before it is measured, no simulator is taken to be closer to another than that
-
-
-@dataclass(frozen=True)
-class LogEvidence:
-    """What the logs say of the parameters themselves, before any traffic is simulated.
-
-    Attributes:
-        unit: most probable values in the unit cube.
-        error: standard errors there; inf where the logs are silent.
-    """
-
-    unit: Float[np.ndarray, " parameter"]
-    error: Float[np.ndarray, " parameter"]
-
-    def residuals(self, unit: Float[np.ndarray, "candidate parameter"]) -> Float[np.ndarray, "candidate known"]:
-        """Return departures from it in standard errors, for the parameters that it knows."""
-        known = np.isfinite(self.error)
-        return (unit[:, known] - self.unit[known]) / self.error[known]
 
 
 class Discrepancy(Protocol):
@@ -57,7 +40,7 @@ class Objective:
         field: their values in the field.
         covariance: of the moments of one run.
         num_drives: drives behind the field's values.
-        evidence: what the logs say of the parameters themselves; a measurement like the moments, and weighed like them.
+        evidence: what is known of the parameters themselves; a measurement like the moments, and weighed like them.
         discrepancy: correction of the simulator; None before it is known.
         is_relative: whether residuals are relative errors, as in Eqs. 2 and 11, instead of whitened ones.
         is_summed: whether relative errors are added up as printed, instead of averaged.
@@ -67,7 +50,7 @@ class Objective:
     field: Float[np.ndarray, " moment"]
     covariance: Float[np.ndarray, "moment moment"]
     num_drives: int
-    evidence: LogEvidence
+    evidence: Evidence
     discrepancy: Discrepancy | None = None
     is_relative: bool = False
     is_summed: bool = False
@@ -78,7 +61,7 @@ class Objective:
         pooled: Float[np.ndarray, "candidate tally"],
         num_runs: int,
     ) -> Float[np.ndarray, "candidate residual"]:
-        """Return whitened residuals, simulated less field, then those of the logs' evidence.
+        """Return whitened residuals, simulated less field, then those of the evidence.
 
         A candidate whose moments are not all observed gets nan.
 

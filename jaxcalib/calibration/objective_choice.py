@@ -4,8 +4,9 @@ import numpy as np
 from jaxtyping import Float
 
 from jaxcalib.calibration.accuracy import MEASURE_OF, TRAFFIC_LEVEL, VEHICLE_LEVEL
+from jaxcalib.calibration.evidence import Evidence
 from jaxcalib.calibration.moments import all_moments, moments_of, noise_covariance, observed_moments
-from jaxcalib.calibration.objective import LogEvidence, Objective
+from jaxcalib.calibration.objective import Objective
 from jaxcalib.problem import CalibrationProblem
 from jaxcalib.settings import Settings
 
@@ -19,7 +20,7 @@ PRINTED = {
 def choose_objective(
     problem: CalibrationProblem,
     settings: Settings,
-    evidence: LogEvidence,
+    evidence: Evidence,
     runs: Float[np.ndarray, "run tally"],
 ) -> Objective:
     """Return the objective.
@@ -27,7 +28,7 @@ def choose_objective(
     Args:
         problem: the problem.
         settings: which objective is wanted.
-        evidence: what the logs say of the parameters.
+        evidence: what is known of the parameters.
         runs: tallies of runs near where the search goes on, for the noise of the measures.
     """
     field = problem.field_of("fit")

@@ -9,9 +9,10 @@ from jaxtyping import Float
 
 from jaxcalib.calibration.budget import Budget
 from jaxcalib.calibration.evaluator import Evaluator
+from jaxcalib.calibration.evidence import evidence_of
 from jaxcalib.calibration.gradient_refinement import GradientRefinement, refine
 from jaxcalib.calibration.local_surface import local_surface
-from jaxcalib.calibration.objective import LogEvidence, Objective
+from jaxcalib.calibration.objective import Objective
 from jaxcalib.calibration.objective_choice import choose_objective
 from jaxcalib.calibration.optimisation import Optimisation, optimise, polish, polish_config
 from jaxcalib.calibration.screening import Screening, screen, small_array
@@ -28,9 +29,6 @@ NOISE_OFFSET = 50_000  # of the seeds of runs that only measure noise
 KNOWN_WIDTHS = 3.0  # standard errors around what the logs say
 LEAST_HALF_WIDTH = 0.01  # of the unit range
 UNKNOWN_HALF_WIDTH = 0.35  # where the logs are silent
-# The scenario's value is somebody's guess: one standard deviation is a factor of 3 for most driver parameters. Without
-# it, what the measures cannot tell ends up wherever their noise points.
-SCENARIO_ERROR = 0.25  # of the unit range
 POLISH_RADIUS = 0.25  # of the box of known widths
 DRIFT = 2.0  # standard deviations of Stage 1's misfit over its drives
 
@@ -102,7 +100,7 @@ def search_two_stages(
     space, num_inputs = initial.space, problem.layout.num_inputs
     everything = range(len(space.names))
     start = space.unit_of(initial.values)
-    evidence = LogEvidence(start, np.where(np.isfinite(initial.unit_error), initial.unit_error, SCENARIO_ERROR))
+    evidence = evidence_of(initial)
     half_width = np.where(np.isfinite(initial.unit_error), KNOWN_WIDTHS * initial.unit_error, UNKNOWN_HALF_WIDTH)
     half_width = np.clip(half_width, LEAST_HALF_WIDTH, 0.5)
     num_runs = evaluator.rounds_of(budget.runs_per_candidate)

@@ -69,6 +69,12 @@ def estimate_demand(
     return DemandEstimate(values_vehph=base * factor, error_vehph=base * error, scenario_vehph=base)
 
 
+def demand_covariance(scenario_vehph: np.ndarray) -> np.ndarray:
+    """Return how the true inflows vary around the scenario's, [input, input], veh/h squared."""
+    relative = COMMON_TRUST**2 + SCENARIO_TRUST**2 * np.eye(len(scenario_vehph))
+    return np.outer(scenario_vehph, scenario_vehph) * relative
+
+
 def _passing_shares(scenario: Scenario, template: WorldTemplate, road: ObservedRoad) -> np.ndarray:
     """Return the share of each input's vehicles that pass each section, weighted by how much of it they pass."""
     shares = np.zeros((road.num_sections, template.layout.num_inputs + 1))

@@ -1,11 +1,17 @@
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from toy import NOISE, OFFSET, RESPONSE, SPACE, TRUTH, tallies, toy_moments, toy_objective
 
 from jaxcalib.calibration.discrepancy import Confirmed, learn_discrepancy
+from jaxcalib.calibration.evidence import SCENARIO_ERROR, evidence_of, independent_evidence
 from jaxcalib.calibration.moments import Moments, noise_covariance, observed_moments
-from jaxcalib.calibration.objective import MODEL_ERROR, LogEvidence, Objective
+from jaxcalib.calibration.objective import MODEL_ERROR, Objective
+from jaxcalib.initial_values.demand_profile import DemandEstimate
 from jaxcalib.measures.measure import Level
+from jaxcalib.parameter_space import ParameterSpace, Range
+from sim_adapters.interface import ParameterLayout
 
 
 def ratio_tallies(num_runs: int, seed: int) -> np.ndarray:
@@ -46,7 +52,7 @@ def test_truth_shows_residuals_as_large_as_their_noise():
         field = np.mean([tallies(TRUTH, 10_000 + 50 * seed + drive) for drive in range(8)], axis=0)
         objective = Objective(
             toy_moments(), toy_moments().values(field), np.diag(NOISE**2), 8,
-            LogEvidence(np.full(3, 0.5), np.full(3, np.inf)),
+            independent_evidence(np.full(3, 0.5), np.full(3, np.inf)),
         )  # fmt: skip
         simulated = np.mean([tallies(TRUTH, 90_000 + 50 * seed + run) for run in range(16)], axis=0)
         squares.append(np.mean(objective.residuals(TRUTH[None], simulated[None], 16) ** 2))
@@ -56,7 +62,7 @@ def test_truth_shows_residuals_as_large_as_their_noise():
 
 
 def test_evidence_of_the_logs_counts_in_its_own_errors():
-    evidence = LogEvidence(np.asarray([0.5, 0.6, 0.5]), np.asarray([np.inf, 0.05, 0.1]))
+    evidence = independent_evidence(np.asarray([0.5, 0.6, 0.5]), np.asarray([np.inf, 0.05, 0.1]))
     objective = toy_objective(evidence)
     unit = np.asarray([[0.2, 0.7, 0.3]])
     residuals = objective.residuals(unit, tallies(unit[0], 1)[None], 8)
@@ -64,11 +70,32 @@ def test_evidence_of_the_logs_counts_in_its_own_errors():
     assert residuals[0, 4:] == pytest.approx([2.0, -2.0])
 
 
+def test_inputs_are_known_from_the_scenario_and_drivers_from_the_logs_or_the_scenario():
+    """Two inputs that are a fifth above the scenario together are likelier than one above and one below it."""
+    space = ParameterSpace(
+        ParameterLayout(("main", "on"), (("f",), ("g",)), ("car",), ("tau", "minGap")),
+        (Range(1000.0, 2000.0), Range(100.0, 500.0), Range(0.4, 3.0, True), Range(0.5, 6.0, True)),
+    )
+    demand = DemandEstimate(np.asarray([1500.0, 300.0]), np.full(2, 30.0), np.asarray([1400.0, 250.0]))
+    initial = SimpleNamespace(
+        space=space, values=np.asarray([1500.0, 300.0, 1.1, 2.0]), demand=demand,
+        unit_error=np.asarray([0.03, 0.075, 0.02, np.inf]),
+    )  # fmt: skip
+    evidence = evidence_of(initial)  # pyright: ignore[reportArgumentType]
+    at = np.asarray([[1400.0, 250.0, 1.1, 2.0], [1680.0, 300.0, 1.1, 2.0], [1680.0, 200.0, 1.1, 2.0]])
+    nothing, common, apart = np.sum(evidence.residuals(np.stack([space.unit_of(one) for one in at])) ** 2, axis=1)
+    assert nothing == pytest.approx(0.0, abs=1e-12)
+    assert common == pytest.approx(0.2**2 / (0.5**2 + 0.15**2 / 2))
+    assert apart == pytest.approx(2 * 0.2**2 / 0.15**2)
+    drivers = evidence.residuals(space.unit_of(at[0])[None] + np.asarray([[0.0, 0.0, 0.01, 0.1]]))
+    assert np.sum(drivers**2) == pytest.approx((0.01 / 0.02) ** 2 + (0.1 / SCENARIO_ERROR) ** 2)
+
+
 def test_relative_objective_is_the_mean_or_the_printed_sum_of_relative_errors():
     simulated = tallies(TRUTH, 1)
     for is_summed in (False, True):
         objective = Objective(
-            toy_moments(), OFFSET, np.diag(NOISE**2), 8, LogEvidence(TRUTH, np.full(3, np.inf)),
+            toy_moments(), OFFSET, np.diag(NOISE**2), 8, independent_evidence(TRUTH, np.full(3, np.inf)),
             is_relative=True, is_summed=is_summed,
         )  # fmt: skip
         errors = np.abs(toy_moments().values(simulated) - OFFSET) / OFFSET

@@ -5,8 +5,8 @@ from hypothesis import strategies as st
 from toy import RESPONSE, SPACE, TRUTH, ToySimulator, toy_objective, toy_run
 
 from jaxcalib.calibration.evaluator import AllRunsFailedError, Evaluator
+from jaxcalib.calibration.evidence import independent_evidence
 from jaxcalib.calibration.local_surface import local_surface
-from jaxcalib.calibration.objective import LogEvidence
 from jaxcalib.calibration.optimisation import optimise, polish
 from jaxcalib.calibration.screening import screen, smallest_array
 from jaxcalib.calibration.search_box import search_box
@@ -57,7 +57,7 @@ def test_saga_and_polish_come_closer_to_the_truth():
 
 
 def test_evidence_of_the_logs_holds_what_the_moments_hardly_show():
-    evidence = LogEvidence(TRUTH, np.full(3, 0.01))
+    evidence = independent_evidence(TRUTH, np.full(3, 0.01))
     run = toy_run(objective=toy_objective(evidence, num_drives=2))
     done = polish(run, WHOLE, TRUTH + 0.05, 16, TrustRegionConfig(num_iterations=2), "optimise")
     assert np.abs(done.best - TRUTH).max() < 0.03

@@ -5,8 +5,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from jaxcalib.calibration.evaluator import Evaluator
+from jaxcalib.calibration.evidence import Evidence, independent_evidence
 from jaxcalib.calibration.moments import Moments
-from jaxcalib.calibration.objective import LogEvidence, Objective
+from jaxcalib.calibration.objective import Objective
 from jaxcalib.calibration.search_run import SearchRun
 from jaxcalib.measures.measure import Level
 from jaxcalib.parameter_space import ParameterSpace, Range
@@ -57,9 +58,9 @@ def toy_moments() -> Moments:
     return Moments(("a", "b", "c", "d"), levels, places, places + 4, np.ones(4), 8)
 
 
-def toy_objective(evidence: LogEvidence | None = None, num_drives: int = 8) -> Objective:
+def toy_objective(evidence: Evidence | None = None, num_drives: int = 8) -> Objective:
     field = np.mean([tallies(TRUTH, 900 + drive) for drive in range(num_drives)], axis=0)
-    silent = LogEvidence(np.full(3, 0.5), np.full(3, np.inf))
+    silent = independent_evidence(np.full(3, 0.5), np.full(3, np.inf))
     return Objective(toy_moments(), toy_moments().values(field), np.diag(NOISE**2), num_drives, evidence or silent)
 
 
