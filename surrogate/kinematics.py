@@ -12,6 +12,7 @@ from surrogate.traffic_state import VehicleArrays, with_changes
 from surrogate.vehicle_class import CarFollowingMix, VehicleClass, select_by_class
 
 Value = Float[Array, " vehicle"]
+SMALLEST_SPEED_MPS = 1e-5
 BEFORE_ALL_STEPS = -1  # keys the random number that a driver keeps
 
 
@@ -76,13 +77,19 @@ def move(
     heeded = jnp.where(is_asked, acceleration + cooperative_speed * (asked - acceleration), acceleration)
     acceleration = jnp.minimum(heeded, jnp.where((own <= acceleration) & (own >= standstill), own, acceleration))
     acceleration = materialise(acceleration)
-    new_v = jnp.where(is_vehicle, jnp.maximum(0.0, v + step_s * acceleration), 0.0)
+    new_v = jnp.where(is_vehicle, next_speed_mps(v, acceleration, step_s), 0.0)
     collided = jnp.sum(is_vehicle & leader.exists & (gap_m < 0.0))
     moved = jnp.where(is_vehicle, vehicles.position_m + step_s * new_v, vehicles.position_m)
     vehicles = with_changes(
         vehicles, position_m=moved, speed_mps=new_v, acceleration_mps2=jnp.where(is_vehicle, (new_v - v) / step_s, 0.0)
     )
     return vehicles, collided
+
+
+def next_speed_mps(speed_mps: Value, acceleration_mps2: Value, step_s: float) -> Value:
+    """Return the speed after a step, >= 0; who brakes to a standstill stands, whatever rounding leaves of his speed."""
+    speed = speed_mps + step_s * acceleration_mps2
+    return jnp.where(speed > SMALLEST_SPEED_MPS, speed, 0.0)
 
 
 def limited_acceleration(

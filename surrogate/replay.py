@@ -6,7 +6,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from surrogate.car_following.base import CarFollowingModel, FollowingSituation
-from surrogate.kinematics import limited_acceleration
+from surrogate.kinematics import limited_acceleration, next_speed_mps
 
 Value = Float[Array, " follower"]
 
@@ -81,7 +81,7 @@ def replay(
             model.emergency_deceleration_mps2,
             step_s,
         )
-        speed = jnp.maximum(0.0, state.speed_mps + step_s * acceleration)
+        speed = next_speed_mps(state.speed_mps, acceleration, step_s)
         moved = ReplayState(speed, (speed - state.speed_mps) / step_s, state.gap_m + step_s * (later - speed))
         return moved, moved
 

@@ -5,7 +5,7 @@ from jaxtyping import Array, Float
 
 from surrogate.car_following.base import FollowingSituation
 from surrogate.car_following.late_braking import LateBrakingModel
-from surrogate.car_following.safe_speed import safe_follow_speed_mps
+from surrogate.car_following.safe_speed import emergency_follow_speed_mps, safe_follow_speed_mps
 
 Value = Float[Array, "..."]
 
@@ -33,15 +33,10 @@ class Krauss(LateBrakingModel):
 
     def acceleration(self, situation: FollowingSituation, step_s: float) -> Value:
         """Return the acceleration to the safe speed, less the dawdling."""
-        safe = safe_follow_speed_mps(
-            situation.gap_m - self.jam_gap_m,
-            situation.leader_speed_mps,
-            self.max_deceleration_mps2,
-            self.max_deceleration_mps2,
-            self.time_gap_s,
-            step_s,
-        )
-        v = situation.speed_mps
+        v, vl, b = situation.speed_mps, situation.leader_speed_mps, self.max_deceleration_mps2
+        gap = situation.gap_m - self.jam_gap_m
+        safe = safe_follow_speed_mps(gap, vl, b, b, self.time_gap_s, step_s)
+        safe = emergency_follow_speed_mps(safe, v, gap, vl, b, b, self.emergency_deceleration_mps2, step_s)
         fastest = jnp.minimum(v + self.max_acceleration_mps2 * step_s, situation.desired_speed_mps)
         wanted = jnp.minimum(safe, fastest)
         # SUMO's dawdle2: below one step of acceleration the speed itself is the scale

@@ -15,6 +15,7 @@ from surrogate.car_following.late_braking import LateBrakingModel
 Value = Float[Array, "..."]
 SPEED_OF_CC9_MPS = 80.0 / 3.6
 HARDEST_BRAKING_MPS2 = 10.0
+TOUCHING_SHARE = 0.1
 
 
 class Wiedemann99(LateBrakingModel):
@@ -89,9 +90,19 @@ class Wiedemann99Sumo(Wiedemann99):
     Deviation from VISSIM, all SUMO's: (a) the free acceleration is CC8 + CC9 v plus a random number, which the bound
     CC8 then cuts, so that vehicles always accelerate with CC8; CC9 still counts where lane changing asks how fast a
     lane will be; (b) the speed of the slower vehicle is randomised only behind a leader who accelerates with 1 m/s^2
-    or more; (c) the guards of SDXc and SDVc look at the own speed, that of SDVo at the leader's; (d) braking while too
-    close is bounded by 0, not by the last acceleration; (e) the random number is drawn each step.
+    or more; (c) the guard of SDVc looks at the own speed, that of SDVo at the leader's; (d) braking while too close is
+    bounded by 0, not by the last acceleration; (e) the random number is drawn each step; (f) who would come closer than
+    a tenth of CC0 stands.
+    Measured: SDXc is CC0 behind a standing leader, unlike in SUMO's sources of 2020, and (f), each step by step against
+    SUMO 1.28 (experiments/fidelity).
     """
+
+    def acceleration(self, situation: FollowingSituation, step_s: float) -> Value:
+        """Return the acceleration of the four regimes, or that to a standstill, (f)."""
+        wanted = self.follow_acceleration(situation)
+        next_mps = jnp.maximum(situation.speed_mps + step_s * wanted, 0.0)
+        touches = situation.gap_m - step_s * next_mps < TOUCHING_SHARE * self.cc0_standstill_gap_m
+        return jnp.where(touches, jnp.minimum(wanted, -situation.speed_mps / step_s), wanted)
 
     def follow_acceleration(self, situation: FollowingSituation) -> Value:
         """Return the acceleration of the four regimes, in SUMO's order."""
@@ -105,7 +116,7 @@ class Wiedemann99Sumo(Wiedemann99):
         )
         cc7 = self.cc7_oscillation_acceleration_mps2
         slower = jnp.where((dv >= 0.0) | (al < 1.0), v, vl + dv * (situation.uniform - 0.5))
-        sdxc = cc0 + jnp.where(v > 0.0, self.cc1_time_gap_s * jnp.maximum(0.0, slower), 0.0)
+        sdxc = cc0 + jnp.where(vl > 0.0, self.cc1_time_gap_s * jnp.maximum(0.0, slower), 0.0)
         sdxo = sdxc + self.cc2_following_variation_m
         sdxv = sdxo + self.cc3_following_threshold_s * (dv - cc4)
         finite_dx = jnp.minimum(dx, 1e4)  # no leader: thresholds stay finite, every regime but "free" stays closed

@@ -32,8 +32,9 @@ MODELS: Mapping[str, Callable[[], CarFollowingModel]] = {
 # driver may pass from keeping his speed to closing in, and SUMO's wants CC8 + CC9 v + random, of which SUMO grants
 # CC8. GHR brakes less hard the larger the gap, but speeds up less as well, and creeps up to who stands. FVD forgets a
 # slower leader beyond its interaction gap. AOVRV jumps where the leader's speed passes its own, and its gains know no
-# braking distance. ACC's heuristic looks at where the leader's speed will end.
-MONOTONOUS_IN_GAP = ("idm", "iidm", "krauss", "gipps", "aovrv")
+# braking distance. ACC's heuristic looks at where the leader's speed will end. Krauss' emergency rule brakes harder
+# for what is a little further away than usual braking reaches.
+MONOTONOUS_IN_GAP = ("idm", "iidm", "gipps", "aovrv")
 MONOTONOUS_IN_LEADER_SPEED = ("idm", "iidm", "krauss", "gipps", "fvd", "ghr")
 STOPS_IN_TIME = tuple(name for name in MODELS if name != "ghr")
 NEVER_OVERLAPS = tuple(name for name in MODELS if name != "aovrv")

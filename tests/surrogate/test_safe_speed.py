@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from surrogate.car_following.safe_speed import (
+    SMALLEST_DISTANCE_M,
     brake_gap_m,
+    emergency_follow_speed_mps,
     krauss_secure_gap_m,
     late_braking_speed_mps,
     safe_follow_speed_mps,
@@ -59,7 +61,8 @@ def test_a_single_precision_brake_gap_is_right_to_a_millimetre() -> None:
 def test_the_safe_stop_speed_is_the_highest_that_stands_in_time(step_s: float) -> None:
     gap, deceleration = RNG.uniform(0.05, 300.0, 40), RNG.uniform(0.7, 9.3, 40)
     reaction = RNG.uniform(step_s, 2.5, 40)
-    highest = [highest_stop_speed(*case, step_s) for case in zip(gap, deceleration, reaction, strict=True)]
+    room = np.maximum(gap - SMALLEST_DISTANCE_M, 0.0)
+    highest = [highest_stop_speed(*case, step_s) for case in zip(room, deceleration, reaction, strict=True)]
     with jax.enable_x64():
         speed = safe_stop_speed_mps(jnp.asarray(gap), jnp.asarray(deceleration), jnp.asarray(reaction), step_s)
         speed = np.asarray(speed)
@@ -104,7 +107,7 @@ def test_the_safe_follow_speed_never_hits_a_leader_who_brakes_to_a_standstill(st
             assert left > -1e-9
             if v == 0.0 and leader_v == 0.0:
                 break
-        assert left < 1e-6  # no slower than it has to be
+        assert left < SMALLEST_DISTANCE_M + 1e-6  # no slower than it has to be
 
 
 def test_behind_the_secure_gap_both_can_brake_to_a_standstill() -> None:
@@ -135,3 +138,20 @@ def test_from_the_late_braking_speed_a_lower_limit_is_met_in_time_and_no_two_ste
         assert covered <= room
         if bound > lowest:
             assert covered > room - 2.0 * bound * step_s
+
+
+def test_in_an_emergency_a_driver_brakes_as_the_distance_demands_and_a_fifth_more() -> None:
+    """At 20 m/s, 35 m before a standing vehicle: 20^2 / 70 = 5.71 m/s^2 would just do, the usual 3 would not."""
+    speed, gap, usual = jnp.asarray(20.0), jnp.asarray(35.0), jnp.asarray(3.0)
+    standing, hardest = jnp.asarray(0.0), jnp.asarray(9.0)
+    safe = safe_follow_speed_mps(gap, standing, usual, usual, jnp.asarray(1.2), 0.1)
+    found = emergency_follow_speed_mps(safe, speed, gap, standing, usual, usual, hardest, 0.1)
+    # as the leader is thought to brake with 3 m/s^2 as well, what counts is the difference in squares over the gap
+    assert float(found) == pytest.approx(20.0 - 0.1 * 1.2 * 20.0**2 / 70.0, abs=1e-4)
+    assert float(safe) < float(found)
+    # no emergency: the safe speed stays
+    far = jnp.asarray(120.0)
+    calm = safe_follow_speed_mps(far, standing, usual, usual, jnp.asarray(1.2), 0.1)
+    assert float(emergency_follow_speed_mps(calm, speed, far, standing, usual, usual, hardest, 0.1)) == float(calm)
+    # nor is there one for who can brake no harder than usual
+    assert float(emergency_follow_speed_mps(safe, speed, gap, standing, usual, usual, usual, 0.1)) == float(safe)

@@ -1,0 +1,1 @@
+"""How far the surrogate is from SUMO: `python -m experiments.fidelity`."""
