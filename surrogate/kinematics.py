@@ -89,7 +89,7 @@ def move(
 def next_speed_mps(speed_mps: Value, acceleration_mps2: Value, step_s: float) -> Value:
     """Return the speed after a step, >= 0; who brakes to a standstill stands, whatever rounding leaves of his speed."""
     speed = speed_mps + step_s * acceleration_mps2
-    return jnp.where(speed > SMALLEST_SPEED_MPS, speed, 0.0)
+    return jnp.where(speed <= SMALLEST_SPEED_MPS, 0.0, speed)  # what is no number stays none
 
 
 def limited_acceleration(
