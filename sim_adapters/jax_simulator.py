@@ -88,6 +88,18 @@ class JaxSimulator:
         """Compile what runs need; may be called in a thread while something else goes on."""
         self._program(self._capacity)
 
+    def memory_bytes(self) -> int:
+        """Return what a batch takes on all devices together, inputs and results included.
+
+        Raises:
+            NotImplementedError: the devices do not tell.
+        """
+        memory = self._program(self._capacity).memory_analysis()
+        if memory is None:
+            raise NotImplementedError("These devices do not tell how much memory a program needs.")
+        parts = (memory.temp_size_in_bytes, memory.argument_size_in_bytes, memory.output_size_in_bytes)
+        return sum(parts) * self._mesh.size
+
     @property
     def batch(self) -> int:
         """Runs that are made together; other numbers waste time."""
@@ -196,5 +208,6 @@ def _outcome(request: RunRequest, record: RunRecord, wall_s: float) -> RunOutcom
         num_arrived=np.asarray(record.num_arrived),
         num_inserted=np.asarray(record.num_inserted),
         num_collisions=int(record.num_collisions),
+        num_vehicle_steps=int(record.num_vehicle_steps),
         wall_s=wall_s,
     )

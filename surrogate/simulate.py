@@ -44,6 +44,7 @@ class RunRecord(eqx.Module):
         num_arrived: vehicles that asked to enter, per entrance.
         num_inserted: vehicles that entered, per entrance.
         num_on_road: most vehicles on the road at once, sampled at each block's end.
+        num_vehicle_steps: vehicles on the road, summed over steps; counted at the ends of blocks.
         num_collisions: vehicle steps with overlapping vehicles.
         num_lost: newcomers that found the arrays full; a run with any is not valid.
         num_lane_changes: lane changes on the whole road by reason.
@@ -56,6 +57,7 @@ class RunRecord(eqx.Module):
     num_arrived: Int[Array, " entrance"]
     num_inserted: Int[Array, " entrance"]
     num_on_road: Int[Array, ""]
+    num_vehicle_steps: Int[Array, ""]
     num_collisions: Int[Array, ""]
     num_lost: Int[Array, ""]
     num_lane_changes: Int[Array, " reason"]
@@ -157,7 +159,7 @@ def observe_batch(
             return eqx.tree_at(lambda s: (s.vehicles.track, s.num_tracks), states, (track, num_tracks)), observed
 
         states, observed = jax.lax.fori_loop(0, frames_per_block, frame, (states, observed))
-        later = _record(states, record.num_on_road)
+        later = _record(states, record.num_on_road, record.num_vehicle_steps + steps_per_block * _num_on_road(states))
         kept = jax.tree.map(
             lambda old, new: jnp.where(is_over.reshape(-1, *[1] * (new.ndim - 1)), old, new), record, later
         )
@@ -175,18 +177,19 @@ def observe_batch(
     states = jax.vmap(first, in_axes=(axes,), axis_size=num_runs)(worlds)
     start = observer.start()
     observed = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (num_runs, *jnp.shape(leaf))), start)
-    record = _record(states, _num_on_road(states))
+    record = _record(states, _num_on_road(states), jnp.zeros((num_runs,), jnp.int32))
     _, observed, record = jax.lax.while_loop(goes_on, block, (states, observed, record))
     return eqx.tree_at(lambda r: r.observed, record, jax.vmap(observer.finish)(observed))
 
 
-def _record(states: TrafficState, num_on_road: Int[Array, " run"]) -> RunRecord:
+def _record(states: TrafficState, num_on_road: Int[Array, " run"], num_vehicle_steps: Int[Array, " run"]) -> RunRecord:
     """Return what is known of runs by now; what they observed is filled in at the end."""
     return RunRecord(
         observed=jnp.zeros_like(states.step),
         num_arrived=states.num_arrived,
         num_inserted=states.num_inserted,
         num_on_road=jnp.maximum(num_on_road, _num_on_road(states)),
+        num_vehicle_steps=num_vehicle_steps,
         num_collisions=states.num_collisions,
         num_lost=states.num_lost,
         num_lane_changes=states.num_lane_changes,

@@ -1,0 +1,1 @@
+"""How fast the simulators are; ratios within one run, since machines differ and are noisy."""
