@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from jaxcalib.calibration.accuracy import VEHICLE_LEVEL_SUM
-from jaxcalib.calibration.final_errors import ROLES, FinalErrors, FinalRuns, final_errors, with_outcomes
+from jaxcalib.calibration.final_errors import ROLES, FinalErrors, FinalRuns, final_errors, runs_of_role, with_outcomes
 from jaxcalib.calibration.record import CalibrationRecord
 from jaxcalib.calibration.screening import Screening
 from jaxcalib.calibration.transfer import transfer_of
@@ -29,14 +29,16 @@ def build_result(record: CalibrationRecord) -> CalibrationResult:
     values = space.values_of(best[None])[0]
     demand = dict(zip(layout.input_ids, map(float, values), strict=False))
     behaviour = {name: float(value) for name, value in zip(layout.attributes, values[layout.num_inputs :], strict=True)}
+    calibrated: dict[Role, FinalRuns] = {role: runs_of_role(problem, record.calibrated, role) for role in ROLES}
+    uncalibrated = {role: runs_of_role(problem, record.uncalibrated, role) for role in ROLES}
     errors = {
-        "no_calibration": {role: final_errors(problem, role, record.uncalibrated[role], None) for role in ROLES},
+        "no_calibration": {role: final_errors(problem, role, uncalibrated[role], None) for role in ROLES},
         "calibrated": {
-            role: final_errors(problem, role, record.calibrated[role], _floor_runs(record, role)) for role in ROLES
+            role: final_errors(problem, role, calibrated[role], _floor_runs(record, role)) for role in ROLES
         },
     }
     notes: dict[str, str] = {}
-    mops = _mops(record, notes)
+    mops = _mops(record, calibrated, notes)
     return CalibrationResult(
         parameters={"demand": demand, "behaviour": {vtype: behaviour for vtype in layout.vtypes}},
         critical_parameters=[space.names[place] for place in record.found.critical],
@@ -109,13 +111,15 @@ def _floor_runs(record: CalibrationRecord, role: Role) -> FinalRuns:
     return with_outcomes(record.calibrated[role], record.problem.departs_s(role), (*others, *confirming))
 
 
-def _mops(record: CalibrationRecord, notes: dict[str, str]) -> dict[str, dict[str, dict[str, float | None]]]:
+def _mops(
+    record: CalibrationRecord, calibrated: dict[Role, FinalRuns], notes: dict[str, str]
+) -> dict[str, dict[str, dict[str, float | None]]]:
     problem = record.problem
     surrogate = record.confirmation.confirmed[record.confirmation.winner].surrogate
     sources: dict[str, dict[str, np.ndarray | None]] = {
         "field": {role: problem.field_of(role).sum(axis=0) for role in ROLES},
         "surrogate": {"fit": surrogate, "held_out": record.surrogate_on_held_out},
-        "sumo": {role: record.calibrated[role].tally.sum(axis=0) for role in ROLES},
+        "sumo": {role: calibrated[role].tally.sum(axis=0) for role in ROLES},
     }
     if record.surrogate_on_held_out is None:
         notes["mops.surrogate.held_out"] = "no held-out drive, or the surrogate failed on them"

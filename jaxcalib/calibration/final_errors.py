@@ -1,6 +1,6 @@
 """The errors that a result is judged by: in SUMO, on seeds that no search has seen, beside those of no calibration."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -155,6 +155,20 @@ def final_errors(
     )
 
 
+def runs_of_role(problem: CalibrationProblem, runs: Mapping[Role, FinalRuns], role: Role) -> FinalRuns:
+    """Return all runs that can stand for the drives of a role, each drive equally often.
+
+    Drives of both roles that depart at the same time are alike but for their seed, so the runs for one role serve the
+    other as well.
+    """
+    others = tuple(outcome for other in ROLES if other != role for outcome in runs[other].outcomes)
+    together = with_outcomes(runs[role], problem.departs_s(role), others)
+    if not len(together.tally):
+        return together
+    chosen = np.sort(np.concatenate(_rounds(together)))
+    return FinalRuns(together.tally[chosen], together.drive[chosen], together.outcomes)
+
+
 def with_outcomes(runs: FinalRuns, departs_s: tuple[float, ...], more: tuple[RunOutcome, ...]) -> FinalRuns:
     """Return runs together with those among others of the same point that could stand for the same drives.
 
@@ -183,9 +197,14 @@ def with_outcomes(runs: FinalRuns, departs_s: tuple[float, ...], more: tuple[Run
 
 def _one_run_per_drive(runs: FinalRuns) -> list[Float[np.ndarray, " tally"]]:
     """Return the pooled tallies of each complete round of drives."""
+    return [runs.tally[places].sum(axis=0) for places in _rounds(runs)]
+
+
+def _rounds(runs: FinalRuns) -> list[np.ndarray]:
+    """Return the places of the runs of each complete round of drives."""
     places = [np.flatnonzero(runs.drive == one) for one in np.unique(runs.drive)]
     rounds = min(len(place) for place in places)
-    return [runs.tally[[place[number] for place in places]].sum(axis=0) for number in range(rounds)]
+    return [np.asarray([place[number] for place in places]) for number in range(rounds)]
 
 
 def _quantile(errors: list[float | None]) -> float | None:

@@ -1,6 +1,8 @@
+from types import SimpleNamespace
+
 import numpy as np
 
-from jaxcalib.calibration.final_errors import FinalRuns, with_outcomes
+from jaxcalib.calibration.final_errors import FinalRuns, runs_of_role, with_outcomes
 from sim_adapters.interface import RunOutcome, RunRequest, Status
 
 DEPARTS_S = (300.0, 340.0, 300.0)
@@ -31,3 +33,16 @@ def test_without_any_that_fit_the_runs_stay_as_they_are():
     runs = FinalRuns(np.asarray([[1.0, 2.0]]), np.asarray([0]), (outcome(300.0, 1),))
     assert with_outcomes(runs, DEPARTS_S, (outcome(320.0, 3), outcome(300.0, 4, Status.FAILED))) is runs
     assert with_outcomes(runs, DEPARTS_S, ()) is runs
+
+
+def test_runs_for_one_role_serve_the_other_each_drive_equally_often():
+    """The drives to fit depart at 300 and 340 s, the one held out at 340 s: its run may stand for the second."""
+    problem = SimpleNamespace(departs_s={"fit": (300.0, 340.0), "held_out": (340.0,)}.__getitem__)
+    fit = FinalRuns(np.asarray([[1.0, 2.0], [3.0, 6.0]]), np.arange(2), (outcome(300.0, 1), outcome(340.0, 3)))
+    held_out = FinalRuns(np.asarray([[5.0, 10.0]]), np.asarray([0]), (outcome(340.0, 5),))
+    runs = {"fit": fit, "held_out": held_out}
+    found = runs_of_role(problem, runs, "held_out")  # pyright: ignore[reportArgumentType]
+    assert found.tally[:, 0].tolist() == [5.0, 3.0]
+    # a third run for the second drive would weigh it more than the first
+    found = runs_of_role(problem, runs, "fit")  # pyright: ignore[reportArgumentType]
+    assert found.tally[:, 0].tolist() == [1.0, 3.0]
