@@ -37,6 +37,14 @@ class ReplayState(eqx.Module):
     gap_m: Value
 
 
+class LeaderMotion(eqx.Module):
+    """Leaders at the beginning of a step, and how far they get in it."""
+
+    speed_mps: Value
+    acceleration_mps2: Value
+    advance_m: Value
+
+
 def replay(
     model: CarFollowingModel,
     start: ReplayStart,
@@ -63,26 +71,49 @@ def replay(
 
     def one_step(state: ReplayState, leader: tuple[Value, Value, Value]) -> tuple[ReplayState, ReplayState]:
         past, now, later = leader
-        situation = FollowingSituation(
-            speed_mps=state.speed_mps,
-            gap_m=state.gap_m,
-            leader_speed_mps=now,
-            leader_acceleration_mps2=(now - past) / step_s,
-            acceleration_mps2=state.acceleration_mps2,
-            desired_speed_mps=start.desired_speed_mps,
-            uniform=uniform,
-        )
-        acceleration = limited_acceleration(
-            model.acceleration(situation, step_s),
-            state.speed_mps,
-            start.desired_speed_mps,
-            model.max_acceleration_mps2,
-            model.max_deceleration_mps2,
-            model.emergency_deceleration_mps2,
-            step_s,
-        )
-        speed = next_speed_mps(state.speed_mps, acceleration, step_s)
-        moved = ReplayState(speed, (speed - state.speed_mps) / step_s, state.gap_m + step_s * (later - speed))
+        motion = LeaderMotion(now, (now - past) / step_s, step_s * later)
+        moved = follow(model, state, motion, start.desired_speed_mps, uniform, step_s)
         return moved, moved
 
     return jax.lax.scan(one_step, first, (previous, leader_speed_mps, following))
+
+
+def follow(
+    model: CarFollowingModel,
+    state: ReplayState,
+    leader: LeaderMotion,
+    desired_speed_mps: Value,
+    uniform: Value,
+    step_s: float,
+) -> ReplayState:
+    """Return the followers one step later.
+
+    Args:
+        model: one model for all followers, or one record with a value for each.
+        state: the followers now.
+        leader: what their leaders do.
+        desired_speed_mps: speed wanted.
+        uniform: random number of each follower.
+        step_s: length of a step.
+    """
+    situation = FollowingSituation(
+        speed_mps=state.speed_mps,
+        gap_m=state.gap_m,
+        leader_speed_mps=leader.speed_mps,
+        leader_acceleration_mps2=leader.acceleration_mps2,
+        acceleration_mps2=state.acceleration_mps2,
+        desired_speed_mps=desired_speed_mps,
+        uniform=uniform,
+    )
+    acceleration = limited_acceleration(
+        model.acceleration(situation, step_s),
+        state.speed_mps,
+        desired_speed_mps,
+        model.max_acceleration_mps2,
+        model.max_deceleration_mps2,
+        model.emergency_deceleration_mps2,
+        step_s,
+    )
+    speed = next_speed_mps(state.speed_mps, acceleration, step_s)
+    gap = state.gap_m + leader.advance_m - step_s * speed
+    return ReplayState(speed, (speed - state.speed_mps) / step_s, gap)

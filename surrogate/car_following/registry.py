@@ -48,7 +48,7 @@ class Parameter:
     upper: float
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, eq=False)  # compared and hashed by identity, so that programs may depend on it
 class ModelEntry:
     """A model of the registry.
 

@@ -1,0 +1,1 @@
+"""Fits car-following models to recorded leader-follower pairs: `jaxcalib fit-following`."""
