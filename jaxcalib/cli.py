@@ -73,6 +73,55 @@ def calibrate(
     return 0
 
 
+@app.command
+def fit_following(
+    pairs: Path,
+    /,
+    *,
+    out: Path,
+    model: str = "idm",
+    held_out_share: Annotated[float, Parameter(validator=Number(gte=0.0, lte=0.8))] = 0.5,
+    drop_bad_pairs: Annotated[bool, Parameter(negative="")] = False,
+    seed: Annotated[int, Parameter(validator=Number(gte=0))] = 0,
+) -> int:
+    """Fit a car-following model to recorded leader-follower pairs, all at once.
+
+    Leaves pairs.csv (parameters, standard errors and errors of each pair) and population.json in the folder of --out.
+
+    Parameters
+    ----------
+    pairs
+        Table with the columns pair_id, time_s, v_lead_mps, v_foll_mps and gap_m (.csv, .csv.gz or .parquet).
+    out
+        Folder for the results.
+    model
+        idm, iidm, acc, krauss, w99-sumo128, w99-vissim, gipps, ghr, fvd or aovrv.
+    held_out_share
+        Last part of each pair that is not fitted but judged.
+    drop_bad_pairs
+        Leave out pairs with gaps of 0 or less, without a leader, or with jumps in time, instead of stopping.
+    seed
+        Seed of the starts.
+    """
+    from jaxcalib.errors import CaseError
+    from jaxcalib.pair_fitting.recorded_pairs import read_pairs
+    from jaxcalib.pair_fitting.study import study_pairs
+    from jaxcalib.pair_fitting.terminal import pair_progress, print_summary
+    from surrogate.car_following.registry import UnknownModelError, car_following_model
+
+    try:
+        entry = car_following_model(model)
+        recorded, dropped = read_pairs(pairs, drop_bad_pairs)
+    except (CaseError, UnknownModelError) as error:
+        print(f"jaxcalib: {error}", file=sys.stderr)
+        return EXIT_CASE_WRONG
+    with pair_progress(len(recorded)) as on_pairs:
+        study = study_pairs(entry, recorded, dropped, held_out_share, seed, on_pairs)
+    study.write(out)
+    print_summary(study, out)
+    return 0
+
+
 def main() -> None:
     """Run the command line."""
     sys.exit(app())
