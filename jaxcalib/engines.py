@@ -27,8 +27,13 @@ def prepare_devices(num_cores: int) -> None:
         return
 
 
-def surrogate_engine(problem: CalibrationProblem) -> JaxSimulator:
-    """Return the surrogate for a problem."""
+def surrogate_engine(problem: CalibrationProblem, spare_capacity: float = SPARE_CAPACITY) -> JaxSimulator:
+    """Return the surrogate for a problem.
+
+    Args:
+        problem: the problem.
+        spare_capacity: room for vehicles, as a multiple of those in the field.
+    """
     scenario, perception = problem.parts.scenario, problem.case.perception
     steps_per_decision = max(1, round(DECISION_INTERVAL_S / scenario.step_s))
     return JaxSimulator(
@@ -39,7 +44,7 @@ def surrogate_engine(problem: CalibrationProblem) -> JaxSimulator:
         ),
         clock=Clock(scenario.step_s, steps_per_decision),
         end_s=scenario.duration_s,
-        capacity=expected_vehicles(problem),
+        capacity=expected_vehicles(problem, spare_capacity),
         frame_interval_s=FRAME_INTERVAL_S,
     )
 
@@ -59,9 +64,9 @@ def sumo_engine(problem: CalibrationProblem, num_processes: int | None = None) -
     )
 
 
-def expected_vehicles(problem: CalibrationProblem) -> int:
+def expected_vehicles(problem: CalibrationProblem, spare_capacity: float = SPARE_CAPACITY) -> int:
     """Return how many vehicles the surrogate should have room for, from the density that the field shows."""
     pooled = dict(zip(problem.tally_names, problem.field_of("fit").sum(axis=0), strict=True))
     density_vehpkm = problem.measures["traffic_density_vehpkm"].value(pooled).value
     lane_km = float(problem.road.lane_m[-1]) / METRES_PER_KILOMETRE
-    return int(np.ceil(SPARE_CAPACITY * density_vehpkm * lane_km)) + RAMP_VEHICLES
+    return int(np.ceil(spare_capacity * density_vehpkm * lane_km)) + RAMP_VEHICLES

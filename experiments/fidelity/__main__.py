@@ -1,69 +1,97 @@
 """`python -m experiments.fidelity`: prints and writes how far the surrogate is from SUMO."""
 
 import json
+import os
 from datetime import UTC, datetime
 from importlib import metadata
 from pathlib import Path
 from typing import Annotated
 
+import numpy as np
 from cyclopts import App, Parameter
+from cyclopts.validators import Number
 from rich.console import Console
+from rich.progress import Progress
 from rich.table import Table
 
 from experiments.fidelity.equilibrium import MOST_DIFFERENCE, NO_EQUILIBRIUM, closed_form_table, sumo_table
+from experiments.fidelity.insertion import insertion_table
 from experiments.fidelity.parity import MOST_DIFFERENCE_M, SUMO_MODELS, parity_table
+from experiments.fidelity.transfer import Transfer, cases_of, run_cases, transfer_of
+from jaxcalib.engines import prepare_devices
+from jaxcalib.problem import CalibrationProblem, read_problem
 
+Tables = dict[str, object]
+CASE = Path(__file__).parents[1] / "cases" / "corridor"
+LEAST_RANK, MOST_BIAS, MOST_INSERTION_DIFFERENCE = 0.8, 0.15, 0.05
 app = App(name="experiments.fidelity", help="How far the surrogate is from SUMO.")
 
 
 @app.default
 def fidelity(
-    *, data: Path = Path("../shared/data"), out: Path = Path("fidelity.json"), per_set: Annotated[int, Parameter()] = 5
+    case: Path = CASE,
+    /,
+    *,
+    data: Path = Path("../shared/data"),
+    out: Path = Path("fidelity.json"),
+    leaders: Annotated[int, Parameter(validator=Number(gte=1))] = 5,
+    runs: Annotated[int, Parameter(validator=Number(gte=0))] = 10,
 ) -> int:
     """Compare the surrogate with SUMO.
 
     Parameters
     ----------
+    case
+        Case for the transfer of measures and effects and for insertion.
     data
         Folder of the recordings; without it, what needs them is left out.
     out
         File for the tables.
-    per_set
+    leaders
         Recorded leaders of each data set for the parity of car-following.
+    runs
+        Runs of each of the 64 parameter sets in both simulators, at least; 0 leaves transfer and insertion out.
     """
     console = Console()
-    tables: dict[str, object] = {
-        "date": datetime.now(UTC).isoformat(timespec="seconds"),
-        "sumo": metadata.version("libsumo"),
-    }
-    _equilibrium(console, tables)
+    sumo = metadata.version("libsumo")
+    now = datetime.now(UTC).isoformat(timespec="seconds")
+    tables: Tables = {"date": now, "sumo": sumo, "case": case.resolve().name}
+    prepare_devices(len(os.sched_getaffinity(0)))
+    console.print(f"SUMO {sumo}")
     if (data / "car_following").is_dir():
-        rows = parity_table(data, per_set)
-        tables["parity"] = rows
-        shown = Table(title="car-following parity: largest difference in position, m", caption=f"SUMO {tables['sumo']}")
-        for heading in ("model", "leaders", "precision", "median", "largest", f"at most {MOST_DIFFERENCE_M:g}"):
-            shown.add_column(heading)
-        for model in dict.fromkeys(row["model"] for row in rows):
-            for precision in ("double", "single"):
-                found = sorted(row[f"{precision}_precision_m"] for row in rows if row["model"] == model)
-                verdict = "yes" if found[-1] <= MOST_DIFFERENCE_M else "no"
-                middle, largest = f"{found[len(found) // 2]:.2g}", f"{found[-1]:.2g}"
-                shown.add_row(model, str(len(found)), precision, middle, largest, verdict)
-        console.print(shown)
+        tables["parity"] = rows = parity_table(data, leaders)
+        _show_parity(console, rows)
     else:
         console.print(f"Left out: car-following parity, for {data / 'car_following'} is not there.")
+    _equilibrium(console, tables)
+    if runs:
+        problem = read_problem(case)
+        _transfer(console, tables, problem, runs)
+        tables["insertion"] = rows = insertion_table(problem)
+        _show_insertion(console, rows)
     out.write_text(json.dumps(tables, indent=1) + "\n", encoding="utf-8")
     console.print(f"written: {out}")
     return 0
 
 
-def _equilibrium(console: Console, tables: dict[str, object]) -> None:
+def _show_parity(console: Console, rows: list[dict]) -> None:
+    headings = ("model", "leaders", "precision", "median", "largest", f"at most {MOST_DIFFERENCE_M:g}")
+    shown = _table("car-following parity: largest difference in position, m", headings)
+    for model in dict.fromkeys(row["model"] for row in rows):
+        for precision in ("double", "single"):
+            found = sorted(row[f"{precision}_precision_m"] for row in rows if row["model"] == model)
+            verdict = "yes" if found[-1] <= MOST_DIFFERENCE_M else "no"
+            middle, largest = f"{found[len(found) // 2]:.2g}", f"{found[-1]:.2g}"
+            shown.add_row(model, str(len(found)), precision, middle, largest, verdict)
+    console.print(shown)
+
+
+def _equilibrium(console: Console, tables: Tables) -> None:
     tables["equilibrium"] = rows = closed_form_table()
     tables["equilibrium_in_sumo"] = in_sumo = sumo_table("W99", SUMO_MODELS["W99"])
     tables["no_equilibrium"] = NO_EQUILIBRIUM
-    shown = Table(title="flow at given density: largest difference from closed form or SUMO")
-    for heading in ("model", "against", "uniform", "disturbed by 5 %", f"at most {MOST_DIFFERENCE:.0%}"):
-        shown.add_column(heading)
+    headings = ("model", "against", "uniform", "disturbed by 5 %", f"at most {MOST_DIFFERENCE:.0%}")
+    shown = _table("flow at given density: largest difference from closed form or SUMO", headings)
     for model in dict.fromkeys(row["model"] for row in rows):
         of_model = [row for row in rows if row["model"] == model]
         largest, disturbed = (
@@ -77,6 +105,60 @@ def _equilibrium(console: Console, tables: dict[str, object]) -> None:
     for model, reason in NO_EQUILIBRIUM.items():
         shown.add_row(model, "-", "-", "", reason)
     console.print(shown)
+
+
+def _transfer(console: Console, tables: Tables, problem: CalibrationProblem, runs: int) -> None:
+    array, values = cases_of(problem)
+    terminal = Console(stderr=True)
+    with Progress(console=terminal, disable=not terminal.is_terminal) as bar:
+        task = bar.add_task(f"{array.name} in SUMO", total=runs * len(values))
+        found = transfer_of(
+            problem, array, *run_cases(problem, values, runs, lambda number: bar.update(task, advance=number))
+        )
+    tables["transfer"] = {
+        "array": array.name,
+        "num_failed": {"surrogate": found.num_failed[0], "sumo": found.num_failed[1]},
+        "measures": [vars(one) for one in found.measures],
+        "effects": [vars(one) | {"counts": one.counts} for one in found.effects],
+    }
+    _show_transfer(console, found)
+
+
+def _show_transfer(console: Console, found: Transfer) -> None:
+    headings = ("measure", "spread in noise", f"rank correlation >= {LEAST_RANK:g}", f"bias <= {MOST_BIAS:.0%}")
+    shown = _table("measures over the array's cases, surrogate against SUMO", headings)
+    for one in sorted(found.measures, key=lambda one: one.rank_correlation):
+        rank, bias = f"{one.rank_correlation:.3f}", f"{one.bias:+.1%}"
+        rank += "" if one.rank_correlation >= LEAST_RANK else "  no"
+        bias += "" if abs(one.bias) <= MOST_BIAS else "  no"
+        shown.add_row(one.measure, f"{one.spread_in_noise:.1f}", rank, bias)
+    console.print(shown)
+    effects = [one for one in found.effects if one.counts]
+    right = sum(one.ratio > 0.0 for one in effects)
+    near = sum(abs(one.ratio - 1.0) <= 0.25 for one in effects)
+    ratio = np.median([one.ratio for one in effects]) if effects else float("nan")
+    console.print(
+        f"main effects beyond SUMO's noise: {len(effects)}; sign right in {right}, size within 25 % in {near}, "
+        f"median ratio {ratio:.2f}; cases failed: {found.num_failed[0]} in the surrogate, {found.num_failed[1]} in SUMO"
+    )
+
+
+def _show_insertion(console: Console, rows: list[dict]) -> None:
+    headings = ("input", "demand", "SUMO", "surrogate", f"difference <= {MOST_INSERTION_DIFFERENCE:.0%}")
+    shown = _table("inserted / scheduled", headings)
+    for row in rows:
+        difference = row["surrogate_share"] - row["sumo_share"]
+        verdict = "" if abs(difference) <= MOST_INSERTION_DIFFERENCE else "  no"
+        shares = (f"{row['sumo_share']:.1%}", f"{row['surrogate_share']:.1%}")
+        shown.add_row(row["input"], f"{row['demand_vehph']:.0f} veh/h", *shares, f"{difference:+.1%}{verdict}")
+    console.print(shown)
+
+
+def _table(title: str, headings: tuple[str, ...]) -> Table:
+    shown = Table(title=title)
+    for heading in headings:
+        shown.add_column(heading)
+    return shown
 
 
 if __name__ == "__main__":

@@ -19,6 +19,7 @@ from jaxcalib.problem import CalibrationProblem
 from jaxcalib.search.orthogonal_array import OrthogonalArray, orthogonal_array
 
 INPUT_SPREAD = 0.2
+SPARE_CAPACITY = 3.0  # some cases are jammed
 NUM_LEVELS, NUM_CASES = 4, 64
 NOISE_FACTOR = 3.0  # a measure, or an effect, counts if it exceeds its noise so many times
 # equidistant levels of calibration studies of SUMO and VISSIM
@@ -99,7 +100,10 @@ def cases_of(problem: CalibrationProblem) -> tuple[OrthogonalArray, Float[np.nda
     names = problem.layout.names
     array = orthogonal_array(len(names), NUM_LEVELS, NUM_CASES)
     base = problem.template.base_values()
-    spread = {name: (0.8 * value, 1.2 * value) for name, value in zip(problem.layout.input_ids, base, strict=False)}
+    spread = {
+        name: ((1.0 - INPUT_SPREAD) * value, (1.0 + INPUT_SPREAD) * value)
+        for name, value in zip(problem.layout.input_ids, base, strict=False)
+    }
     low, high = np.asarray([(spread | LEVELS)[name] for name in names]).T
     return array, round_values(low + (high - low) * array.levels / (NUM_LEVELS - 1))
 
@@ -119,7 +123,7 @@ def run_cases(
         on_run: told of SUMO's runs.
     """
     departs_s = problem.departs_s("fit")
-    surrogate = Evaluator(surrogate_engine(problem), departs_s, 0)
+    surrogate = Evaluator(surrogate_engine(problem, SPARE_CAPACITY), departs_s, 0)
     rounds = surrogate.rounds_of(num_runs)
     ours = surrogate.evaluate(values, rounds)
     with sumo_engine(problem) as sumo:
