@@ -15,6 +15,7 @@ SIZE_EXPONENT = 0.5
 LARGE_RATIO = 3.0
 FRESH_SEEDS = 12  # for the final errors on held-out drives
 MOST_FRESH_SEEDS = 100
+NOISE_RUNS, LARGE_NOISE_RUNS = 64, 32  # whole batches of two cores; fewer would leave places in them empty
 SHORTLISTED = 5  # candidates, about
 QUICK = 0.5  # below it SUMO confirms one finalist only
 
@@ -68,7 +69,7 @@ def plan_budget(problem: CalibrationProblem, scale: float = 1.0) -> Budget:
     ratio = max(1.0, size / SMALL_RUN)
     is_large = ratio > LARGE_RATIO
     per_candidate = max(FEWEST_RUNS, round(RUNS_PER_CANDIDATE * scale / ratio**SIZE_EXPONENT))
-    noise_runs = round((16 if is_large else 48) * min(max(scale, 0.5), 4.0))
+    noise_runs = round((LARGE_NOISE_RUNS if is_large else NOISE_RUNS) * min(max(scale, 0.5), 4.0))
     polish_runs = (2 if is_large else 3) * per_candidate
     num_fit, num_held_out = len(problem.departs_s("fit")), len(problem.departs_s("held_out"))
 
