@@ -92,11 +92,11 @@ class JaxSimulator:
         """Return what a batch takes on all devices together, inputs and results included.
 
         Raises:
-            NotImplementedError: the devices do not tell.
+            RuntimeError: the devices do not tell.
         """
         memory = self._program(self._capacity).memory_analysis()
         if memory is None:
-            raise NotImplementedError("These devices do not tell how much memory a program needs.")
+            raise RuntimeError("These devices do not tell how much memory a program needs.")
         parts = (memory.temp_size_in_bytes, memory.argument_size_in_bytes, memory.output_size_in_bytes)
         return sum(parts) * self._mesh.size
 
