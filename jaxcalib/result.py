@@ -6,6 +6,7 @@ from typing import Any
 import msgspec
 
 FORMAT = 1
+DIGITS = 6
 
 
 class Interval(msgspec.Struct, frozen=True):
@@ -116,3 +117,10 @@ def _finite(value: Any) -> Any:
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return value
+
+
+def rounded(value: float | None) -> float | None:
+    """Return a value with as many digits as mean anything; what is not finite becomes None."""
+    if value is None or not math.isfinite(value):
+        return None
+    return float(f"{value:.{DIGITS}g}")

@@ -5,20 +5,25 @@ from typing import Any
 
 import numpy as np
 
-from jaxcalib.calibration.accuracy import VEHICLE_LEVEL_SUM
-from jaxcalib.calibration.final_errors import ROLES, FinalErrors, FinalRuns, final_errors, runs_of_role, with_outcomes
+from jaxcalib.calibration.final_errors import (
+    ROLES,
+    FinalRuns,
+    all_runs_of_role,
+    final_errors,
+    runs_of_role,
+)
 from jaxcalib.calibration.record import CalibrationRecord
 from jaxcalib.calibration.screening import Screening
 from jaxcalib.calibration.transfer import transfer_of
 from jaxcalib.calibration.uncertainty import parameter_errors
 from jaxcalib.case import Role
+from jaxcalib.error_tables import change_table, effectiveness_table, part_by_role, vehicle_level_table
 from jaxcalib.measures.measure import MeasureValue
-from jaxcalib.result import CalibrationResult, Interval, SimulationHealth
+from jaxcalib.result import CalibrationResult, Interval, SimulationHealth, rounded
 from jaxcalib.run_folder import LIBRARIES
 
 NORMAL_90 = 1.645
 NEAR_BOUND = 0.005  # of the unit range
-DIGITS = 6
 SEARCH_PARTS = ("stage1", "stage2_exploration", "stage2_optimisation", "corrected_search")
 
 
@@ -43,7 +48,7 @@ def build_result(record: CalibrationRecord) -> CalibrationResult:
         parameters={"demand": demand, "behaviour": {vtype: behaviour for vtype in layout.vtypes}},
         critical_parameters=[space.names[place] for place in record.found.critical],
         mops=mops,
-        moes=_moes(errors, notes),
+        moes=effectiveness_table(errors, notes),
         runs={
             "surrogate": record.num_surrogate_runs,
             "sumo": sum(health.runs for health in _health(record).values()),
@@ -51,10 +56,10 @@ def build_result(record: CalibrationRecord) -> CalibrationResult:
         wall_s=record.wall_s,
         notes=notes,
         parameter_table=_parameter_table(record),
-        vehicle_level_error=_vehicle_level(errors),
-        intervals=_by_role(errors, lambda one: one.interval),
-        change=_changes(errors),
-        per_seed=_by_role(errors, lambda one: one.per_seed),
+        vehicle_level_error=vehicle_level_table(errors),
+        intervals=part_by_role(errors, lambda one: one.interval),
+        change=change_table(errors),
+        per_seed=part_by_role(errors, lambda one: one.per_seed),
         noise_floor_high={role: one.floor_high if one else {} for role, one in errors["calibrated"].items()},
         transfer=[
             {"measure": one.measure, "bias": one.bias, "bias_in_noise": one.bias_in_noise,
@@ -95,11 +100,11 @@ def _gradient(record: CalibrationRecord) -> dict[str, Any] | None:
         return None
     return {
         "parameters": [
-            {"name": name, "is_usable": usable, "disagreement": _rounded(disagreement)}
+            {"name": name, "is_usable": usable, "disagreement": rounded(disagreement)}
             for name, usable, disagreement in zip(refined.names, refined.is_usable, refined.disagreement, strict=True)
         ],
-        "misfit_before": _rounded(refined.before),
-        "misfit_after": _rounded(refined.after),
+        "misfit_before": rounded(refined.before),
+        "misfit_after": rounded(refined.after),
     }
 
 
@@ -107,8 +112,7 @@ def _floor_runs(record: CalibrationRecord, role: Role) -> FinalRuns:
     """Return all SUMO runs of the result that could be drives of a role: those for the other role, too."""
     values = record.initial.space.values_of(record.confirmation.best[None])[0]
     confirming = [one for one in record.confirmation.outcomes if np.array_equal(one.request.values, values)]
-    others = [one for other in ROLES if other != role for one in record.calibrated[other].outcomes]
-    return with_outcomes(record.calibrated[role], record.problem.departs_s(role), (*others, *confirming))
+    return all_runs_of_role(record.problem, record.calibrated, role, confirming)
 
 
 def _mops(
@@ -140,59 +144,7 @@ def _measured(
         name: measure.value(by_name) for name, measure in record.problem.measures.items()
     }
     notes |= {f"{place}.{name}": value.reason for name, value in values.items() if not value.is_valid}
-    return {name: _rounded(value.value) if value.is_valid else None for name, value in values.items()}
-
-
-def _moes(
-    errors: dict[str, dict[Any, FinalErrors | None]], notes: dict[str, str]
-) -> dict[str, dict[str, dict[str, float | None]]]:
-    moes: dict[str, dict[str, dict[str, float | None]]] = {}
-    for calibration, by_role in errors.items():
-        moes[calibration] = {}
-        for role, one in by_role.items():
-            moes[calibration][role] = (
-                {name: _rounded(error) for name, error in one.pooled.errors.items()} if one else {}
-            )
-            notes |= {f"moes.{calibration}.{role}.{k}": v for k, v in (one.pooled.notes.items() if one else ())}
-    moes["noise_floor"] = {
-        role: {name: _rounded(error) for name, error in one.floor.items()} if one else {}
-        for role, one in errors["calibrated"].items()
-    }
-    return moes
-
-
-def _vehicle_level(errors: dict[str, dict[Any, FinalErrors | None]]) -> dict[str, dict[str, Any]]:
-    table: dict[str, dict[str, Any]] = {}
-    for calibration, by_role in errors.items():
-        table[calibration] = {
-            role: {"value": _rounded(one.pooled.vehicle_level), "interval_90": one.interval[VEHICLE_LEVEL_SUM]}
-            for role, one in by_role.items()
-            if one
-        }
-    table["noise_floor"] = {
-        role: {"value": _rounded(one.floor_vehicle_level), "quantile_95": _rounded(one.floor_high[VEHICLE_LEVEL_SUM])}
-        for role, one in errors["calibrated"].items()
-        if one
-    }
-    return table
-
-
-def _by_role(errors: dict[str, dict[Any, FinalErrors | None]], part: Any) -> dict[str, Any]:
-    return {
-        calibration: {role: part(one) if one else {} for role, one in by_role.items()}
-        for calibration, by_role in errors.items()
-    }
-
-
-def _changes(errors: dict[str, dict[Any, FinalErrors | None]]) -> dict[str, Any]:
-    table: dict[str, Any] = {}
-    for role, after in errors["calibrated"].items():
-        before = errors["no_calibration"][role]
-        changes = after.change_since(before) if after and before else {}
-        table[role] = {
-            name: {"value": _rounded(one.value), "interval_90": one.interval_90} for name, one in changes.items()
-        }
-    return table
+    return {name: rounded(value.value) if value.is_valid else None for name, value in values.items()}
 
 
 def _parameter_table(record: CalibrationRecord) -> dict[str, Interval]:
@@ -242,11 +194,11 @@ def _screening(record: CalibrationRecord, screening: Screening) -> dict[str, Any
         "parameters": [
             {
                 "name": names[place],
-                "range": _rounded(float(ranges.accuracy_range[place])),
-                "range_of_noise": _rounded(float(noise.null_range_quantile[place])) if noise else None,
-                "p_value": _rounded(float(noise.p_value[place])) if noise else None,
+                "range": rounded(float(ranges.accuracy_range[place])),
+                "range_of_noise": rounded(float(noise.null_range_quantile[place])) if noise else None,
+                "p_value": rounded(float(noise.p_value[place])) if noise else None,
                 "stands_out": bool(noise is not None and not noise.is_indistinguishable[place]),
-                "level_means": [_rounded(float(mean)) for mean in ranges.level_mean_accuracy[place]],
+                "level_means": [rounded(float(mean)) for mean in ranges.level_mean_accuracy[place]],
                 "levels": [
                     float(value)
                     for value in record.initial.space.values_of(
@@ -275,7 +227,7 @@ def _health(record: CalibrationRecord) -> dict[str, SimulationHealth]:
             failed=sum(not outcome.status.is_ok for outcome in group),
             collisions=sum(outcome.num_collisions for outcome in group),
             teleports=sum(outcome.num_teleports for outcome in group),
-            backlog_share=_rounded(float(np.mean([outcome.backlog_share for outcome in group]))) or 0.0,
+            backlog_share=rounded(float(np.mean([outcome.backlog_share for outcome in group]))) or 0.0,
         )
         for name, group in outcomes.items()
         if group
@@ -293,10 +245,3 @@ def _timing(record: CalibrationRecord) -> dict[str, float]:
         "search_in_sumo_s": record.num_surrogate_runs * sumo_run_s / record.num_sumo_processes,
         "speed_ratio": record.num_surrogate_runs * sumo_run_s / record.num_sumo_processes / max(search_s, 1e-9),
     }
-
-
-def _rounded(value: float | None) -> float | None:
-    """Return a value with as many digits as mean anything; what is not finite becomes None."""
-    if value is None or not np.isfinite(value):
-        return None
-    return float(f"{value:.{DIGITS}g}")

@@ -1,6 +1,6 @@
 """The errors that a result is judged by: in SUMO, on seeds that no search has seen, beside those of no calibration."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -156,17 +156,24 @@ def final_errors(
 
 
 def runs_of_role(problem: CalibrationProblem, runs: Mapping[Role, FinalRuns], role: Role) -> FinalRuns:
-    """Return all runs that can stand for the drives of a role, each drive equally often.
-
-    Drives of both roles that depart at the same time are alike but for their seed, so the runs for one role serve the
-    other as well.
-    """
-    others = tuple(outcome for other in ROLES if other != role for outcome in runs[other].outcomes)
-    together = with_outcomes(runs[role], problem.departs_s(role), others)
+    """Return all runs that can stand for the drives of a role, each drive equally often."""
+    together = all_runs_of_role(problem, runs, role)
     if not len(together.tally):
         return together
     chosen = np.sort(np.concatenate(_rounds(together)))
     return FinalRuns(together.tally[chosen], together.drive[chosen], together.outcomes)
+
+
+def all_runs_of_role(
+    problem: CalibrationProblem, runs: Mapping[Role, FinalRuns], role: Role, more: Iterable[RunOutcome] = ()
+) -> FinalRuns:
+    """Return all runs that can stand for the drives of a role, and of more runs of the same point those that can.
+
+    Drives of both roles that depart at the same time are alike but for their seed, so the runs for one role serve the
+    other as well.
+    """
+    others = [outcome for other in ROLES if other != role for outcome in runs[other].outcomes]
+    return with_outcomes(runs[role], problem.departs_s(role), (*others, *more))
 
 
 def with_outcomes(runs: FinalRuns, departs_s: tuple[float, ...], more: tuple[RunOutcome, ...]) -> FinalRuns:

@@ -88,35 +88,13 @@ def bounds_of(entry: ModelEntry) -> Bounds:
     return Bounds(jnp.asarray(lower, jnp.float32), jnp.asarray(upper, jnp.float32))
 
 
-def misfit(
-    entry: ModelEntry, bounds: Bounds, unit: Float[Array, "pair parameter"], batch: PairBatch
-) -> Float[Array, " pair"]:
-    """Return the squared mixed error of each pair's simulated gap, each pair with parameters of its own.
-
-    The follower begins where the recorded one does and then sees only its leader and its own past (closed loop).
-    """
-    values = bounds.values(unit)
-    model = entry.build({one.name: values[:, place] for place, one in enumerate(entry.parameters)})
-    desired = values[:, -1]
-
-    def step(carry: tuple[ReplayState, Array], at: tuple[Array, ...]) -> tuple[tuple[ReplayState, Array], None]:
-        state, total = carry
-        speed, acceleration, advance, gap, weight = at
-        total = total + weight * (state.gap_m - gap) ** 2
-        later = follow(
-            model, state, LeaderMotion(speed, acceleration, advance), desired, jnp.full_like(speed, UNIFORM), STEP_S
-        )
-        return (later, total), None
-
-    series = (batch.leader_mps, batch.leader_acceleration_mps2, batch.leader_advance_m, batch.gap_m, batch.weight)
-    (_, total), _ = jax.lax.scan(step, (batch.first, jnp.zeros_like(desired)), series)
-    return total
-
-
 def residuals(
     entry: ModelEntry, bounds: Bounds, unit: Float[Array, "pair parameter"], batch: PairBatch
 ) -> Float[Array, "step pair"]:
-    """Return simulated less recorded gaps in units of their weights; their squares add up to the misfit."""
+    """Return simulated less recorded gaps in units of their weights, each pair with parameters of its own.
+
+    The follower begins where the recorded one does and then sees only its leader and its own past (closed loop).
+    """
     values = bounds.values(unit)
     model = entry.build({one.name: values[:, place] for place, one in enumerate(entry.parameters)})
 
@@ -128,3 +106,10 @@ def residuals(
     series = (batch.leader_mps, batch.leader_acceleration_mps2, batch.leader_advance_m)
     gaps = jax.lax.scan(step, batch.first, series)[1]
     return jnp.sqrt(batch.weight) * (gaps - batch.gap_m)
+
+
+def misfit(
+    entry: ModelEntry, bounds: Bounds, unit: Float[Array, "pair parameter"], batch: PairBatch
+) -> Float[Array, " pair"]:
+    """Return the squared mixed error of each pair's simulated gap."""
+    return jnp.sum(residuals(entry, bounds, unit, batch) ** 2, axis=0)
