@@ -51,6 +51,7 @@ class FinalErrors:
     """Errors on the drives of one role.
 
     Attributes:
+        num_drives: drives of the field.
         pooled: errors of all runs pooled.
         per_seed: mean over seeds of the errors of one run per drive.
         samples: each error and Eq. 23 with drives and runs drawn again.
@@ -59,6 +60,7 @@ class FinalErrors:
         floor_high: 95 % quantile of each error and of Eq. 23 over them.
     """
 
+    num_drives: int
     pooled: Effectiveness
     per_seed: dict[str, float | None]
     samples: Samples
@@ -69,7 +71,7 @@ class FinalErrors:
     @property
     def interval(self) -> dict[str, tuple[float, float] | None]:
         """90 % interval of each error and of Eq. 23."""
-        return {name: interval_of(samples) for name, samples in self.samples.items()}
+        return {name: interval_of(samples, self.num_drives) for name, samples in self.samples.items()}
 
     def change_since(self, before: "FinalErrors") -> dict[str, Change]:
         """Return by how much each error and Eq. 23 exceed those of another simulation of the same drives."""
@@ -77,7 +79,7 @@ class FinalErrors:
         for name, samples in self.samples.items():
             after, other = self.error(name), before.error(name)
             value = None if after is None or other is None else after - other
-            changes[name] = Change(value, interval_of(samples - before.samples[name]))
+            changes[name] = Change(value, interval_of(samples - before.samples[name], self.num_drives))
         return changes
 
     def error(self, name: str) -> float | None:
@@ -143,6 +145,7 @@ def final_errors(
     singles = [effectiveness(measures, names, real, one) for one in _one_run_per_drive(runs)]
     draws = noise_floor(measures, names, floor_runs.tally, floor_runs.drive) if floor_runs else []
     return FinalErrors(
+        num_drives=len(field),
         pooled=effectiveness(measures, names, real, runs.tally.sum(axis=0)),
         per_seed=mean_errors(singles),
         samples=bootstrap_errors(measures, names, field, runs.tally),
