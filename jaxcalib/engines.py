@@ -14,7 +14,7 @@ from surrogate.step import Clock
 DECISION_INTERVAL_S = (
     1.0  # twice as fast as 0.5 s, and the discrepancy from SUMO is learnt anyway; see docs/surrogate.md
 )
-SPARE_CAPACITY = 1.35  # candidates may be denser than the field
+SPARE_CAPACITY = 1.6  # candidates may be denser than the field
 RAMP_VEHICLES = 32
 OBJECTS_PER_ROW = 32
 
@@ -27,12 +27,16 @@ def prepare_devices(num_cores: int) -> None:
         return
 
 
-def surrogate_engine(problem: CalibrationProblem, spare_capacity: float = SPARE_CAPACITY) -> JaxSimulator:
+def surrogate_engine(
+    problem: CalibrationProblem, spare_capacity: float = SPARE_CAPACITY, most_overfull_share: float = 0.75
+) -> JaxSimulator:
     """Return the surrogate for a problem.
 
     Args:
         problem: the problem.
         spare_capacity: room for vehicles, as a multiple of those in the field.
+        most_overfull_share: see `JaxSimulator`; a search can do without candidates that are much denser than the field,
+            0 is for studies that need every run.
     """
     scenario, perception = problem.parts.scenario, problem.case.perception
     steps_per_decision = max(1, round(DECISION_INTERVAL_S / scenario.step_s))
@@ -46,6 +50,7 @@ def surrogate_engine(problem: CalibrationProblem, spare_capacity: float = SPARE_
         end_s=scenario.duration_s,
         capacity=expected_vehicles(problem, spare_capacity),
         frame_interval_s=FRAME_INTERVAL_S,
+        most_overfull_share=most_overfull_share,
     )
 
 

@@ -22,7 +22,7 @@ from surrogate.step import Clock
 VEHICLES_PER_DEVICE = 16384  # places of all runs of a device together: their arrays fit into a core's cache
 LEAST_RUNS_PER_DEVICE, MOST_RUNS_PER_DEVICE = 4, 16
 CAPACITY_STEP = 32
-MOST_OVERFULL_SHARE = 0.75  # of the runs of one call; then the room is too small, not the candidates too dense
+GROWTH = 1.5  # of the room, where too many runs need more
 # Steps of overlap allowed in all and per vehicle; SUMO goes on after a collision as well, and Wiedemann's drivers, who
 # react late by design, touch now and then where lanes merge.
 COLLISION_STEPS_ALLOWED = 100
@@ -46,6 +46,7 @@ class JaxSimulator:
         capacity: int,
         runs_per_device: int | None = None,
         frame_interval_s: float = 0.5,
+        most_overfull_share: float = 0.75,
     ) -> None:
         """Prepare runs; nothing is compiled before the first.
 
@@ -55,10 +56,12 @@ class JaxSimulator:
             sensor: the subject vehicle's sensors.
             clock: lengths of steps.
             end_s: when runs end at the latest.
-            capacity: vehicles on the road for which there is room. Single runs that need more have failed; if many
-                do, all are made again with more.
+            capacity: vehicles on the road for which there is room.
             runs_per_device: size of a device's part of a batch; from the capacity unless given.
             frame_interval_s: time between two frames; a multiple or a part of the interval of decisions.
+            most_overfull_share: share of the runs of a call that may fail because they need more room. If more do, all
+                are made again with more room, for then it is the room that is too small, not the candidates that are
+                too dense.
         """
         self._template = template
         self._observer = observer
@@ -66,7 +69,8 @@ class JaxSimulator:
         self._clock = clock
         self._steps_per_frame = round(frame_interval_s / clock.step_s)
         self._end_s = end_s
-        self._capacity = -(-capacity // CAPACITY_STEP) * CAPACITY_STEP
+        self._capacity = _round_up(capacity)
+        self._most_overfull_share = most_overfull_share
         self._largest_capacity = 4 * self._capacity
         self._mesh = Mesh(np.asarray(jax.devices()), ("run",))
         self._batch = (runs_per_device or _runs_per_device(self._capacity)) * self._mesh.size
@@ -112,10 +116,12 @@ class JaxSimulator:
         leaves that room to those after it.
         """
         outcomes = self._run_all(requests)
-        while sum(outcome.status is Status.OVERFULL for outcome in outcomes) > MOST_OVERFULL_SHARE * len(outcomes):
+        while sum(outcome.status is Status.OVERFULL for outcome in outcomes) > self._most_overfull_share * len(
+            outcomes
+        ):
             if self._capacity >= self._largest_capacity:
                 break
-            self._capacity *= 2
+            self._capacity = _round_up(GROWTH * self._capacity)
             outcomes = self._run_all(requests)
         return outcomes
 
@@ -183,6 +189,10 @@ class JaxSimulator:
 
 def _collisions_allowed(record: RunRecord) -> float:
     return max(COLLISION_STEPS_ALLOWED, COLLISION_STEPS_PER_VEHICLE * float(np.sum(record.num_inserted)))
+
+
+def _round_up(capacity: float) -> int:
+    return int(-(-capacity // CAPACITY_STEP)) * CAPACITY_STEP
 
 
 def _runs_per_device(capacity: int) -> int:

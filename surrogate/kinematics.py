@@ -1,13 +1,13 @@
 """Moves vehicles by one time step: what the drivers want, what the vehicles can do, where they are then."""
 
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from surrogate.car_following.base import FollowingSituation
 from surrogate.keyed_random import Purpose, uniform
 from surrogate.lane_change.surroundings import desired_speed_mps
 from surrogate.materialise import materialise
-from surrogate.neighbours import own_leader
+from surrogate.neighbours import Neighbour
 from surrogate.traffic_state import VehicleArrays, with_changes
 from surrogate.vehicle_class import CarFollowingMix, VehicleClass, select_by_class
 
@@ -18,16 +18,18 @@ BEFORE_ALL_STEPS = -1  # keys the random number that a driver keeps
 
 def move(
     vehicles: VehicleArrays,
+    leader: Neighbour,
     classes: tuple[VehicleClass, ...],
     cooperative_speed: Value,
     seed: Int[Array, ""],
     step: Int[Array, ""],
     step_s: float,
-) -> tuple[VehicleArrays, Int[Array, ""]]:
-    """Return the vehicles one step later, and how many overlap their leader.
+) -> tuple[VehicleArrays, Bool[Array, " vehicle"]]:
+    """Return the vehicles one step later, and which overlap their leader.
 
     Args:
-        vehicles: all vehicles.
+        vehicles: the vehicles.
+        leader: leader of each in its own row.
         classes: vehicle classes.
         cooperative_speed: weight, 0 to 1, with which each vehicle heeds what others' lane changing asks of it.
         seed: seed of the run.
@@ -39,7 +41,6 @@ def move(
     position by the new speed. An advice counts if it is neither harder than
     braking nor faster than the model allows; a vehicle's own counts in full, another's with `cooperative_speed`.
     """
-    leader = own_leader(vehicles)
     lengths = [c.length_m for c in classes]
     gap_m = leader.position_m - select_by_class(lengths, leader.vehicle_class) - vehicles.position_m
     is_vehicle = vehicles.is_vehicle
@@ -78,7 +79,7 @@ def move(
     acceleration = jnp.minimum(heeded, jnp.where((own <= acceleration) & (own >= standstill), own, acceleration))
     acceleration = materialise(acceleration)
     new_v = jnp.where(is_vehicle, next_speed_mps(v, acceleration, step_s), 0.0)
-    collided = jnp.sum(is_vehicle & leader.exists & (gap_m < 0.0))
+    collided = is_vehicle & leader.exists & (gap_m < 0.0)
     moved = jnp.where(is_vehicle, vehicles.position_m + step_s * new_v, vehicles.position_m)
     vehicles = with_changes(
         vehicles, position_m=moved, speed_mps=new_v, acceleration_mps2=jnp.where(is_vehicle, (new_v - v) / step_s, 0.0)

@@ -13,6 +13,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from surrogate.perception import PerceptionFrame, Sensor, perceive
 from surrogate.step import Clock, World, initial_state, move_on, settle_lanes
+from surrogate.tiles import tiles_for
 from surrogate.traffic_state import TrafficState
 
 ObserverState = Any
@@ -123,13 +124,19 @@ def observe_batch(
     steps_after = -(-steps // 2)
     steps_before = steps - steps_after
 
-    def drive_on(state: TrafficState, world: World, decides: Bool[Array, ""]) -> TrafficState:
+    def drive_on(
+        state: TrafficState, world: World, decides: Bool[Array, ""], num_tiles: Int[Array, ""]
+    ) -> TrafficState:
+        def settle(state: TrafficState) -> TrafficState:
+            return settle_lanes(state, world, clock, num_tiles)
+
+        def go(state: TrafficState, num_steps: int) -> TrafficState:
+            return move_on(state, world, clock.step_s, num_steps, num_tiles)
+
         for _ in range(decisions_per_frame - 1):
-            state = settle_lanes(move_on(state, world, clock.step_s, steps_before), world, clock)
-            state = move_on(state, world, clock.step_s, steps_after)
-        state = move_on(state, world, clock.step_s, steps_before)
-        state = jax.lax.cond(decides, lambda s: settle_lanes(s, world, clock), lambda s: s, state)
-        return move_on(state, world, clock.step_s, steps_after)
+            state = go(settle(go(state, steps_before)), steps_after)
+        state = jax.lax.cond(decides, settle, lambda s: s, go(state, steps_before))
+        return go(state, steps_after)
 
     def see(state: TrafficState, observed: ObserverState, world: World) -> tuple[Array, Array, ObserverState]:
         time_s = state.step.astype(jnp.float32) * clock.step_s
@@ -146,10 +153,11 @@ def observe_batch(
         is_seen = states.step[0] >= first_seen_step
 
         def frame(number: Int[Array, ""], carry: tuple[TrafficState, ObserverState]) -> Any:
-            # neither condition differs between runs, so both stay branches that are skipped
+            # neither condition differs between runs, so both stay branches that are skipped; nor does num_tiles
             states, observed = carry
             decides = number % frames_per_decision == 0
-            states = jax.vmap(lambda s, w: drive_on(s, w, decides), in_axes=(0, axes))(states, worlds)
+            num_tiles = tiles_for(jnp.max(states.head[:, -1]) + most_newcomers, plan.capacity)
+            states = jax.vmap(lambda s, w: drive_on(s, w, decides, num_tiles), in_axes=(0, axes))(states, worlds)
             unseen = states.vehicles.track, states.num_tracks, observed
             track, num_tracks, observed = jax.lax.cond(
                 is_seen,
@@ -171,6 +179,7 @@ def observe_batch(
         return is_early & ~jnp.all(states.subject_left)
 
     num_runs = worlds.seed.shape[0]
+    most_newcomers = decisions_per_frame * worlds.inflow.lane_row.size
     # whole blocks are seen or not, so that a run sees the same frames in whichever batch it is
     steps_per_block = frames_per_block * plan.steps_per_frame
     first_seen_step = jnp.floor(first_frame_s / clock.step_s / steps_per_block).astype(jnp.int32) * steps_per_block

@@ -11,8 +11,11 @@ from surrogate.lane_change.base import STAY, Reason
 from surrogate.lane_change.decide import decide
 from surrogate.lane_change.lc2013 import Lc2013
 from surrogate.lane_change.surroundings import Place
+from surrogate.materialise import materialise
+from surrogate.neighbours import own_leader
 from surrogate.reorder import Moves, new_order, rearrange
 from surrogate.road import Road
+from surrogate.tiles import Tile, all_tiles, for_each_tile
 from surrogate.traffic_state import TrafficState, VehicleArrays, empty_vehicles, with_changes
 from surrogate.vehicle_class import VehicleClass, select_by_class
 
@@ -81,13 +84,22 @@ def initial_state(world: World, capacity: int) -> TrafficState:
     )
 
 
-def settle_lanes(state: TrafficState, world: World, clock: Clock) -> TrafficState:
-    """Return the state after one decision: vehicles change lane, leave and enter; no time passes."""
+def settle_lanes(
+    state: TrafficState, world: World, clock: Clock, num_tiles: Int[Array, ""] | int | None = None
+) -> TrafficState:
+    """Return the state after one decision: vehicles change lane, leave and enter; no time passes.
+
+    Args:
+        state: the state.
+        world: the run.
+        clock: lengths of steps.
+        num_tiles: tiles that hold vehicles, see `surrogate.tiles`; all unless given.
+    """
     now_s = state.step.astype(jnp.float32) * clock.step_s
     queues = arrive(state, world.inflow, world.demand_vehps, world.seed, now_s, clock.interval_s)
     with jax.named_scope("lane_change"):
         place = Place(state.vehicles, world.road, state.head)
-        decision = decide(place, world.classes, clock.interval_s, clock.step_s)
+        decision = decide(place, world.classes, clock.interval_s, clock.step_s, num_tiles)
     vehicles = with_changes(
         state.vehicles,
         own_advice_mps2=decision.own_advice_mps2,
@@ -137,23 +149,70 @@ def settle_lanes(state: TrafficState, world: World, clock: Clock) -> TrafficStat
     )
 
 
-def move_on(state: TrafficState, world: World, step_s: float, num_steps: int) -> TrafficState:
-    """Return the state after some steps in which everybody stays in his lane."""
+def move_on(
+    state: TrafficState, world: World, step_s: float, num_steps: int, num_tiles: Int[Array, ""] | int | None = None
+) -> TrafficState:
+    """Return the state after some steps in which everybody stays in his lane.
+
+    Args:
+        state: the state.
+        world: the run.
+        step_s: length of a step.
+        num_steps: how many.
+        num_tiles: tiles that hold vehicles, see `surrogate.tiles`; all unless given.
+    """
+    num_entries = state.vehicles.row.shape[0]
+    num_tiles = all_tiles(num_entries) if num_tiles is None else num_tiles
     cooperative = []
     for vehicle_class in world.classes:
         model = vehicle_class.lane_change
         cooperative.append(jnp.clip(model.cooperative_speed, 0.0, 1.0) if isinstance(model, Lc2013) else jnp.ones(()))
-    cooperative_speed = select_by_class(cooperative, state.vehicles.vehicle_class)
 
-    def one_step(_: int, carry: tuple[VehicleArrays, Array, Array]) -> tuple[VehicleArrays, Array, Array]:
-        vehicles, step, num_collisions = carry
-        vehicles, collided = move(vehicles, world.classes, cooperative_speed, world.seed, step, step_s)
-        return vehicles, step + 1, num_collisions + collided
+    def one_step(_: int, carry: tuple[_Motion, Array, Array]) -> tuple[_Motion, Array, Array]:
+        motion, step, num_collisions = carry
+        leader = materialise(own_leader(motion.of(state.vehicles)))
+
+        def one_tile(tile: Tile, carry: tuple[_Motion, Array]) -> tuple[_Motion, Array]:
+            motion, num_collisions = carry
+            before = tile(motion)
+            vehicles = before.of(tile(state.vehicles))
+            cooperative_speed = select_by_class(cooperative, vehicles.vehicle_class)
+            after, has_collided = move(
+                vehicles, tile(leader), world.classes, cooperative_speed, world.seed, step, step_s
+            )
+            after = jax.tree.map(lambda new, old: jnp.where(tile.is_new, new, old), _Motion.from_(after), before)
+            return tile.write(motion, after), num_collisions + jnp.sum(has_collided & tile.is_new)
+
+        motion, num_collisions = for_each_tile(one_tile, num_tiles, num_entries, (motion, num_collisions))
+        return motion, step + 1, num_collisions
 
     with jax.named_scope("move"):
-        carry = (state.vehicles, state.step, state.num_collisions)
-        vehicles, step, num_collisions = jax.lax.fori_loop(0, num_steps, one_step, carry)
+        carry = (_Motion.from_(state.vehicles), state.step, state.num_collisions)
+        motion, step, num_collisions = jax.lax.fori_loop(0, num_steps, one_step, carry)
+    vehicles = motion.of(state.vehicles)
     return eqx.tree_at(lambda s: (s.vehicles, s.step, s.num_collisions), state, (vehicles, step, num_collisions))
+
+
+class _Motion(eqx.Module):
+    """What changes of vehicles that stay in their lanes."""
+
+    position_m: Float[Array, " vehicle"]
+    speed_mps: Float[Array, " vehicle"]
+    acceleration_mps2: Float[Array, " vehicle"]
+
+    @classmethod
+    def from_(cls, vehicles: VehicleArrays) -> "_Motion":
+        """Take it from vehicles."""
+        return cls(vehicles.position_m, vehicles.speed_mps, vehicles.acceleration_mps2)
+
+    def of(self, vehicles: VehicleArrays) -> VehicleArrays:
+        """Return the vehicles with this motion."""
+        return with_changes(
+            vehicles,
+            position_m=self.position_m,
+            speed_mps=self.speed_mps,
+            acceleration_mps2=self.acceleration_mps2,
+        )
 
 
 def _look_up_lane(vehicles: VehicleArrays, place: Place) -> VehicleArrays:

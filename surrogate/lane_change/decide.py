@@ -8,14 +8,24 @@ from jaxtyping import Array, Bool, Float, Int
 from surrogate.compaction import first_true
 from surrogate.lane_change.base import LEFT, RIGHT, STAY, LaneChangeDecision, Side
 from surrogate.lane_change.cooperation import NO_ADVICE, requests
-from surrogate.lane_change.gap_acceptance import Blocked, Ego, Following, blocked
+from surrogate.lane_change.gap_acceptance import Ego, Following, blocked
 from surrogate.lane_change.lc2013 import Lc2013, Memory
-from surrogate.lane_change.mobil import Mobil, mobil_wishes, route_parameters
+from surrogate.lane_change.mobil import Mobil, OldFollower, mobil_wishes, old_follower_of, route_parameters
 from surrogate.lane_change.motives import wish
-from surrogate.lane_change.strategy import decayed_look_ahead_speed_mps, strategy
-from surrogate.lane_change.surroundings import Place, desired_speed_mps, ego_of, following_of, side_of, sight_m
+from surrogate.lane_change.strategy import Strategy, decayed_look_ahead_speed_mps, strategy
+from surrogate.lane_change.surroundings import (
+    Place,
+    desired_speed_mps,
+    ego_of,
+    entry_beside,
+    following_of,
+    side_of,
+    sight_m,
+)
 from surrogate.materialise import materialise
 from surrogate.neighbours import take
+from surrogate.tiles import Chosen, Tile, all_tiles, over_tiles
+from surrogate.traffic_state import VehicleArrays
 from surrogate.vehicle_class import VehicleClass, select_record
 
 Value = Float[Array, " vehicle"]
@@ -25,7 +35,13 @@ URGENT_SHARE = 8  # at most one in so many entries negotiates in one decision; t
 FEWEST_URGENT = 24
 
 
-def decide(place: Place, classes: tuple[VehicleClass, ...], interval_s: float, step_s: float) -> LaneChangeDecision:
+def decide(
+    place: Place,
+    classes: tuple[VehicleClass, ...],
+    interval_s: float,
+    step_s: float,
+    num_tiles: Int[Array, ""] | int | None = None,
+) -> LaneChangeDecision:
     """Return what every vehicle does about its lane.
 
     Args:
@@ -33,31 +49,121 @@ def decide(place: Place, classes: tuple[VehicleClass, ...], interval_s: float, s
         classes: vehicle classes.
         interval_s: time since the last decision.
         step_s: length of a time step.
+        num_tiles: tiles that hold vehicles, see `surrogate.tiles`; all unless given.
     """
-    vehicles = place.vehicles
-    following = following_of(vehicles.vehicle_class, classes)
-    desired_mps = materialise(desired_speed_mps(vehicles, classes))
-    model = select_record([_lc2013(c) for c in classes], vehicles.vehicle_class)
-    look_m = materialise(sight_m(vehicles, following, step_s))
-    ego = ego_of(place, following, desired_mps, look_m)
-    right = side_of(place, following, desired_mps, look_m, True)
-    left = side_of(place, following, desired_mps, look_m, False)
-    ego, right, left = materialise((ego, right, left))
-    right_gaps = materialise(blocked(ego, right, following, model.assertive, step_s))
-    left_gaps = materialise(blocked(ego, left, following, model.assertive, step_s))
+    everybody = place.everybody
+    num_entries = everybody.row.shape[0]
+    num_tiles = all_tiles(num_entries) if num_tiles is None else num_tiles
+    desired_mps = materialise(desired_speed_mps(everybody, classes))
 
+    def who_must_change(tile: Tile) -> _Duty:
+        part = place.part(tile)
+        entries = materialise((entry_beside(part, True), entry_beside(part, False)))
+        around = _look_around(part, tile(desired_mps), desired_mps, entries, classes, interval_s, step_s)
+        return _Duty(entries, around.route_right.must_change, around.route_left.must_change)
+
+    duty = over_tiles(who_must_change, num_tiles, num_entries)
+    asked = _negotiate(place, duty, desired_mps, classes, interval_s, step_s)
+    old_follower = None
+    if any(isinstance(c.lane_change, Mobil) for c in classes):
+        old_follower = old_follower_of(everybody, following_of(everybody.vehicle_class, classes), desired_mps)
+
+    def settle(tile: Tile) -> LaneChangeDecision:
+        part = place.part(tile)
+        around = materialise(
+            _look_around(part, tile(desired_mps), desired_mps, tile(duty.entries), classes, interval_s, step_s)
+        )
+        return _settle(part, around, tile(asked), tile(old_follower), classes, interval_s, step_s)
+
+    return over_tiles(settle, num_tiles, num_entries)
+
+
+class _Duty(eqx.Module):
+    """Who must change lane for his route, and who is ahead of him on each side.
+
+    Attributes:
+        entries: entry ahead in the row on the right, and on the left.
+        must_right: whether the route needs a change to the right.
+        must_left: whether it needs one to the left.
+    """
+
+    entries: tuple[Int[Array, " vehicle"], Int[Array, " vehicle"]]
+    must_right: Flag
+    must_left: Flag
+
+
+class _Surroundings(eqx.Module):
+    """What vehicles see before they decide.
+
+    Attributes:
+        ego: each vehicle and its own lane.
+        right: the lane on its right.
+        left: the lane on its left.
+        after_right: look-ahead speed once the right side has been looked at.
+        after_left: look-ahead speed once both have.
+        route_right: what the route says of the right side.
+        route_left: what it says of the left side.
+    """
+
+    ego: Ego
+    right: Side
+    left: Side
+    after_right: Value
+    after_left: Value
+    route_right: Strategy
+    route_left: Strategy
+
+
+def _look_around(
+    part: Place,
+    desired_mps: Value,
+    everybodys_desired_mps: Value,
+    entries: tuple[Int[Array, " vehicle"], Int[Array, " vehicle"]],
+    classes: tuple[VehicleClass, ...],
+    interval_s: float,
+    step_s: float,
+) -> _Surroundings:
+    """Return what vehicles see; who is ahead of them on the right and on the left is known already."""
+    vehicles = part.vehicles
+    following = following_of(vehicles.vehicle_class, classes)
+    model = _lc2013_of(vehicles, classes)
+    look_m = sight_m(vehicles, following, step_s)
+    ego = ego_of(part, following, desired_mps, everybodys_desired_mps, look_m)
+    right = side_of(part, following, everybodys_desired_mps, look_m, entries[0], True)
+    left = side_of(part, following, everybodys_desired_mps, look_m, entries[1], False)
     # SUMO lets the look-ahead speed decay once for each side that there is
-    after_right = decayed_look_ahead_speed_mps(ego, vehicles.look_ahead_speed_mps, interval_s)
-    after_right = jnp.where(right.is_open, after_right, vehicles.look_ahead_speed_mps)
+    before = vehicles.look_ahead_speed_mps
+    after_right = jnp.where(right.is_open, decayed_look_ahead_speed_mps(ego, before, interval_s), before)
     after_left = decayed_look_ahead_speed_mps(ego, after_right, interval_s)
     after_left = jnp.where(left.is_open, after_left, after_right)
-    route_right = materialise(strategy(model, ego, right, after_right, following, True))
-    route_left = materialise(strategy(model, ego, left, after_left, following, False))
+    return _Surroundings(
+        ego=ego,
+        right=right,
+        left=left,
+        after_right=after_right,
+        after_left=after_left,
+        route_right=strategy(model, ego, right, after_right, following, True),
+        route_left=strategy(model, ego, left, after_left, following, False),
+    )
 
-    asked = _negotiate(
-        route_right.must_change, route_left.must_change, ego, (right, left), (right_gaps, left_gaps),
-        vehicles.vehicle_class, after_right, classes, -following.max_deceleration_mps2 - 1e-3, interval_s, step_s,
-    )  # fmt: skip
+
+def _settle(
+    part: Place,
+    around: _Surroundings,
+    asked: "_Asked",
+    old_follower: OldFollower | None,
+    classes: tuple[VehicleClass, ...],
+    interval_s: float,
+    step_s: float,
+) -> LaneChangeDecision:
+    """Return what vehicles do about their lanes, now that they know what others ask of them."""
+    vehicles = part.vehicles
+    following = following_of(vehicles.vehicle_class, classes)
+    model = _lc2013_of(vehicles, classes)
+    ego, right, left = around.ego, around.right, around.left
+    route_right, route_left = around.route_right, around.route_left
+    right_gaps = materialise(blocked(ego, right, following, model.assertive, step_s))
+    left_gaps = materialise(blocked(ego, left, following, model.assertive, step_s))
     memory = Memory(
         gain_left=vehicles.gain_left_memory,
         gain_right=vehicles.gain_right_memory,
@@ -66,10 +172,10 @@ def decide(place: Place, classes: tuple[VehicleClass, ...], interval_s: float, s
     to_right = wish(model, ego, right, route_right, memory, following, asked.help_right, True, interval_s, step_s)
     to_left = wish(model, ego, left, route_left, memory, following, asked.help_left, False, interval_s, step_s)
     to_right, to_left = materialise((to_right, to_left))
-    if any(isinstance(c.lane_change, Mobil) for c in classes):
+    if old_follower is not None:
         to_right, to_left = mobil_wishes(
             (to_right, to_left), ego, (right, left), (route_right, route_left), (right_gaps, left_gaps),
-            vehicles, desired_mps, following, classes, step_s,
+            vehicles.vehicle_class, old_follower, following, classes, step_s,
         )  # fmt: skip
     goes_right = to_right.change & ~right_gaps.at_all
     goes_left = to_left.change & ~left_gaps.at_all & ~goes_right & ~(to_right.urgent & to_left.urgent)
@@ -79,7 +185,7 @@ def decide(place: Place, classes: tuple[VehicleClass, ...], interval_s: float, s
     if interval_s > step_s:  # there and back between two decisions: nothing is left of it but empty memories
         returns = goes_left & to_left.reverts & ~_is_held_by_leader(ego, following, model.assertive, step_s)
         direction = jnp.where(returns, STAY, direction)
-    is_harder = to_left.advice_mps2 < -following.max_deceleration_mps2 - 1e-3
+    is_harder = to_left.advice_mps2 < _hardest_mps2(following)
     own_advice = jnp.minimum(asked.own_advice_mps2, jnp.where(is_harder, NO_ADVICE, to_left.advice_mps2))
     return LaneChangeDecision(
         direction=direction,
@@ -91,7 +197,7 @@ def decide(place: Place, classes: tuple[VehicleClass, ...], interval_s: float, s
         gain_left_memory=jnp.where(moves, 0.0, to_left.gain),
         gain_right_memory=jnp.where(moves, 0.0, to_right.gain),
         keep_right_memory=jnp.where(moves, 0.0, to_right.keep_right),
-        look_ahead_speed_mps=jnp.where(moves, 0.0, after_left),
+        look_ahead_speed_mps=jnp.where(moves, 0.0, around.after_left),
     )
 
 
@@ -119,58 +225,57 @@ class _Asked(eqx.Module):
 
 
 def _negotiate(
-    must_right: Flag,
-    must_left: Flag,
-    ego: Ego,
-    sides: tuple[Side, Side],
-    gaps: tuple[Blocked, Blocked],
-    vehicle_class: Int[Array, " vehicle"],
-    look_ahead_speed_mps: Value,
+    place: Place,
+    duty: _Duty,
+    desired_mps: Value,
     classes: tuple[VehicleClass, ...],
-    hardest_mps2: Value,
     interval_s: float,
     step_s: float,
 ) -> _Asked:
-    """Let those who must change ask; they are few, so they are gathered first."""
-    num_entries = must_right.shape[0]
-    chosen, is_chosen = first_true(must_right | must_left, max(FEWEST_URGENT, num_entries // URGENT_SHARE))
-    is_right = take(must_right, chosen)
+    """Let those who must change ask; they are few, so they are picked first."""
+    everybody = place.everybody
+    num_entries = everybody.row.shape[0]
+    number = max(FEWEST_URGENT, num_entries // URGENT_SHARE)
+    entry, is_chosen = first_true(duty.must_right | duty.must_left, number)
+    chosen = Chosen(entry)
+    part = place.part(chosen)
+    following = following_of(part.vehicles.vehicle_class, classes)
+    around = _look_around(part, chosen(desired_mps), desired_mps, chosen(duty.entries), classes, interval_s, step_s)
+    is_right = chosen(duty.must_right)
+    side = jax.tree.map(lambda right, left: jnp.where(is_right, right, left), around.right, around.left)
+    ego, side = materialise((around.ego, side))
+    gaps = blocked(ego, side, following, _lc2013_of(part.vehicles, classes).assertive, step_s)
+    request = requests(ego, side, gaps, following, around.after_right, is_right, interval_s, step_s)
 
-    def pick(leaf: Array) -> Array:
-        return take(leaf, chosen)
-
-    def pick_side(right: Array, left: Array) -> Array:
-        return jnp.where(is_right, take(right, chosen), take(left, chosen))
-
-    side = jax.tree.map(pick_side, *sides)
-    request = requests(
-        jax.tree.map(pick, ego),
-        side,
-        jax.tree.map(pick_side, *gaps),
-        following_of(pick(vehicle_class), classes),
-        pick(look_ahead_speed_mps),
-        is_right,
-        interval_s,
-        step_s,
-    )
     nothing = jnp.full((num_entries,), NO_ADVICE, jnp.float32)
-    own = jnp.where(is_chosen & (request.own_advice_mps2 >= pick(hardest_mps2)), request.own_advice_mps2, NO_ADVICE)
+    counts = is_chosen & (request.own_advice_mps2 >= _hardest_mps2(following))
+    own = jnp.where(counts, request.own_advice_mps2, NO_ADVICE)
     asked = nothing
     for exists, receiver, advice in (
         (side.leader_exists, side.leader_entry, request.leader_advice_mps2),
         (side.follower_exists, side.follower_entry, request.follower_advice_mps2),
     ):
         # advice harder than the receiver would brake is ignored, as in SUMO
-        counts = is_chosen & exists & (advice >= take(hardest_mps2, receiver))
+        of_receiver = following_of(take(everybody.vehicle_class, receiver), classes)
+        counts = is_chosen & exists & (advice >= _hardest_mps2(of_receiver))
         asked = asked.at[receiver].min(jnp.where(counts, advice, NO_ADVICE), mode="promise_in_bounds")
     asks = is_chosen & request.asks_follower & side.follower_exists
     nobody = jnp.zeros((num_entries,), bool)
     return _Asked(
-        own_advice_mps2=nothing.at[chosen].min(own, mode="promise_in_bounds"),
+        own_advice_mps2=nothing.at[entry].min(own, mode="promise_in_bounds"),
         asked_advice_mps2=asked,
         help_right=nobody.at[side.follower_entry].max(asks & is_right, mode="promise_in_bounds"),
         help_left=nobody.at[side.follower_entry].max(asks & ~is_right, mode="promise_in_bounds"),
     )
+
+
+def _hardest_mps2(following: Following) -> Value:
+    """Return the deceleration, a negative number, down to which vehicles follow an advice."""
+    return -following.max_deceleration_mps2 - 1e-3
+
+
+def _lc2013_of(vehicles: VehicleArrays, classes: tuple[VehicleClass, ...]) -> Lc2013:
+    return select_record([_lc2013(c) for c in classes], vehicles.vehicle_class)
 
 
 def _lc2013(vehicle_class: VehicleClass) -> Lc2013:

@@ -226,8 +226,8 @@ def mobil_wishes(
     sides: tuple[Side, Side],
     routes: tuple[Strategy, Strategy],
     gaps: tuple[Blocked, Blocked],
-    vehicles: VehicleArrays,
-    desired_mps: Value,
+    vehicle_class: Int[Array, " vehicle"],
+    old_follower: OldFollower,
     following: Following,
     classes: tuple[VehicleClass, ...],
     step_s: float,
@@ -240,8 +240,8 @@ def mobil_wishes(
         sides: the lanes on the right and on the left.
         routes: what the route says of them.
         gaps: who is in the way there.
-        vehicles: all vehicles.
-        desired_mps: speed that each vehicle wants where it is.
+        vehicle_class: class of each vehicle.
+        old_follower: who follows each in its own row.
         following: car-following models.
         classes: vehicle classes, one of which at least has MOBIL.
         step_s: length of a time step.
@@ -249,10 +249,9 @@ def mobil_wishes(
     models = [c.lane_change for c in classes]
     members = [index for index, model in enumerate(models) if isinstance(model, Mobil)]
     by_class = [m if isinstance(m, Mobil) else models[members[0]] for m in models]
-    model = select_record(by_class, vehicles.vehicle_class)
+    model = select_record(by_class, vehicle_class)
     assert isinstance(model, Mobil)
-    is_mobil = jnp.isin(vehicles.vehicle_class, jnp.asarray(members))
-    old_follower = old_follower_of(vehicles, following, desired_mps)
+    is_mobil = jnp.isin(vehicle_class, jnp.asarray(members))
     right, left = (
         appraise(model, ego, side, old_follower, following, is_right, step_s)
         for side, is_right in zip(sides, (True, False), strict=True)

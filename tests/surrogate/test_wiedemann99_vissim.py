@@ -11,6 +11,7 @@ from surrogate.car_following.wiedemann99 import Wiedemann99, Wiedemann99Sumo
 from surrogate.car_following.wiedemann99_vissim import Wiedemann99Vissim, vissim_from_sumo
 from surrogate.kinematics import move
 from surrogate.lane_change.lc2013 import Lc2013
+from surrogate.neighbours import own_leader
 from surrogate.replay import ReplayStart, ReplayState, replay
 from surrogate.traffic_state import HEAD, empty_vehicles
 from surrogate.vehicle_class import VehicleClass
@@ -224,7 +225,9 @@ def new_speeds(model: CarFollowingModel, step: int) -> np.ndarray:
         speed_factor_mean=whole.speed_factor_mean,
         speed_factor_deviation=whole.speed_factor_deviation,
     )
-    moved, _ = move(vehicles, (whole,), jnp.ones(3 * pairs), jnp.asarray(5), jnp.asarray(step), STEP_S)
+    moved, _ = move(
+        vehicles, own_leader(vehicles), (whole,), jnp.ones(3 * pairs), jnp.asarray(5), jnp.asarray(step), STEP_S
+    )
     return np.asarray(moved.speed_mps)[entries[:, 2]]
 
 

@@ -1,0 +1,69 @@
+from collections.abc import Callable
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from surrogate import tiles
+from surrogate.step import World, move_on, settle_lanes
+from surrogate.tiles import Chosen, Tile, all_tiles, for_each_tile, over_tiles, tiles_for
+from surrogate.traffic_state import TrafficState
+from tests.surrogate.conftest import CLOCK
+
+LENGTHS = st.integers(1, 700)
+
+
+@settings(max_examples=25, deadline=None)
+@given(LENGTHS, st.integers(0, 700))
+def test_tile_by_tile_gives_what_the_whole_gives_as_far_as_there_are_vehicles(num_entries: int, num_in_use: int):
+    values = jnp.arange(num_entries) * 0.7 + 1.3
+    num_tiles = int(tiles_for(jnp.asarray(min(num_in_use, num_entries)), num_entries))
+    found = over_tiles(lambda tile: {"square": tile(values) ** 2}, num_tiles, num_entries)["square"]
+    covered = min(num_tiles * tiles.tile_size(num_entries), num_entries)
+    assert covered >= min(num_in_use, num_entries)
+    np.testing.assert_allclose(found[:covered], values[:covered] ** 2, rtol=1e-6)
+    assert (np.asarray(found[covered:]) == 0.0).all()
+
+
+@settings(max_examples=25, deadline=None)
+@given(LENGTHS)
+def test_each_entry_is_new_in_one_tile(num_entries: int):
+    def count(tile: Tile, counted: jax.Array) -> jax.Array:
+        return tile.write(counted, tile(counted) + tile.is_new)
+
+    counted = for_each_tile(count, all_tiles(num_entries), num_entries, jnp.zeros((num_entries,), jnp.int32))
+    assert (np.asarray(counted) == 1).all()
+
+
+def test_chosen_entries_of_each_array():
+    entry = jnp.asarray([5, 0, 2])
+    picked = Chosen(entry)({"a": jnp.arange(7) * 1.5, "b": jnp.arange(7, 14)})
+    assert picked["a"].tolist() == [7.5, 0.0, 3.0]
+    assert picked["b"].tolist() == [12, 7, 9]
+
+
+def test_a_run_is_the_same_whatever_the_tiles(
+    corridor_world: Callable[..., World],
+    drive_on: Callable[[World, int], list[TrafficState]],
+    monkeypatch: pytest.MonkeyPatch,
+):
+    """Small tiles, and only those that hold vehicles, against one tile of all entries."""
+    world = corridor_world(19, 60.0, main=3300.0, on1=620.0)
+    state = drive_on(world, 130)[-1]
+    num_entries = state.vehicles.row.shape[0]
+
+    def on(state: TrafficState, num_tiles: jax.Array | int) -> TrafficState:
+        settled = settle_lanes(state, world, CLOCK, num_tiles)
+        return move_on(settled, world, CLOCK.step_s, CLOCK.steps_per_decision, num_tiles)
+
+    monkeypatch.setattr(tiles, "TILE_SIZE", num_entries)
+    of_whole = jax.jit(lambda state: on(state, 1))(state)
+    monkeypatch.setattr(tiles, "TILE_SIZE", 48)
+    in_use = state.head[-1] + world.inflow.lane_row.size
+    assert int(tiles_for(in_use, num_entries)) < all_tiles(num_entries)
+    of_tiles = jax.jit(lambda state: on(state, tiles_for(in_use, num_entries)))(state)
+    for one, other in zip(jax.tree.leaves(of_whole), jax.tree.leaves(of_tiles), strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-5, atol=1e-4)
