@@ -1,11 +1,13 @@
 """One question, two engines: what does the subject vehicle observe under these parameter values?"""
 
 import enum
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 import numpy as np
+
+from surrogate.effects.base import EffectSetting
 
 
 class Status(enum.Enum):
@@ -59,11 +61,13 @@ class RunRequest:
         values: parameter vector in the order of the layout.
         seed: seed of the run.
         depart_s: when the subject vehicle departs.
+        effects: unmodelled effects by name; only a simulator with effects can have any.
     """
 
     values: tuple[float, ...]
     seed: int
     depart_s: float
+    effects: Mapping[str, EffectSetting] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ from jaxtyping import Array, Float, Int
 
 from sim_adapters.interface import ParameterLayout, RunOutcome, RunRequest, Status
 from sim_adapters.world_builder import WorldTemplate
+from surrogate.effects.settings import Effects, settings_table
 from surrogate.materialise import COMPILER_OPTIONS
 from surrogate.perception import Sensor
 from surrogate.simulate import Observer, RunPlan, RunRecord, observe_batch
@@ -47,6 +48,7 @@ class JaxSimulator:
         runs_per_device: int | None = None,
         frame_interval_s: float = 0.5,
         most_overfull_share: float = 0.75,
+        has_effects: bool = False,
     ) -> None:
         """Prepare runs; nothing is compiled before the first.
 
@@ -62,7 +64,9 @@ class JaxSimulator:
             most_overfull_share: share of the runs of a call that may fail because they need more room. If more do, all
                 are made again with more room, for then it is the room that is too small, not the candidates that are
                 too dense.
+            has_effects: whether requests may name unmodelled effects; see `with_effects`.
         """
+        self._has_effects = has_effects
         self._template = template
         self._observer = observer
         self._sensor = sensor
@@ -77,6 +81,23 @@ class JaxSimulator:
         self._programs: dict[int, jax.stages.Compiled] = {}
         self._compiling = threading.Lock()
         self.compile_s = 0.0
+
+    def with_effects(self) -> "JaxSimulator":
+        """Return a simulator of the same scenario whose requests may name effects, each run its own mix.
+
+        All effects are in one program; requests without any give the same bits as this simulator.
+        """
+        return JaxSimulator(
+            template=self._template,
+            observer=self._observer,
+            sensor=self._sensor,
+            clock=self._clock,
+            end_s=self._end_s,
+            capacity=self._capacity,
+            runs_per_device=self._batch // self._mesh.size,
+            frame_interval_s=self._steps_per_frame * self._clock.step_s,
+            has_effects=True,
+        )
 
     @property
     def layout(self) -> ParameterLayout:
@@ -114,7 +135,13 @@ class JaxSimulator:
 
         Runs are grouped by departure, since a batch lasts as long as its longest run. A call whose runs need more room
         leaves that room to those after it.
+
+        Raises:
+            ValueError: a request names effects, but this simulator has none.
+            UnknownEffectError: a request names one that there is not.
         """
+        if not self._has_effects and any(request.effects for request in requests):
+            raise ValueError("Expected requests without effects; a simulator from `with_effects()` takes them.")
         outcomes = self._run_all(requests)
         while sum(outcome.status is Status.OVERFULL for outcome in outcomes) > self._most_overfull_share * len(
             outcomes
@@ -145,6 +172,8 @@ class JaxSimulator:
                     jax.ShapeDtypeStruct((self._batch,), jnp.int32),
                     jax.ShapeDtypeStruct((self._batch,), jnp.float32),
                 )
+                if self._has_effects:
+                    shapes += (jax.ShapeDtypeStruct((self._batch, *settings_table({}).shape), jnp.float32),)
                 program = jax.jit(partial(self._observe, capacity=capacity))
                 self._programs[capacity] = program.lower(*shapes).compile(COMPILER_OPTIONS)
                 self.compile_s += time.perf_counter() - began
@@ -153,11 +182,14 @@ class JaxSimulator:
     def _run_once(self, requests: list[RunRequest], capacity: int) -> list[RunOutcome]:
         began = time.perf_counter()
         filled = requests + [requests[-1]] * (self._batch - len(requests))
-        record = self._program(capacity)(
+        arguments = [
             jnp.asarray([request.values for request in filled], jnp.float32),
             jnp.asarray([request.seed for request in filled], jnp.int32),
             jnp.asarray([request.depart_s for request in filled], jnp.float32),
-        )
+        ]
+        if self._has_effects:
+            arguments.append(jnp.asarray([settings_table(request.effects) for request in filled], jnp.float32))
+        record = self._program(capacity)(*arguments)
         record = jax.tree.map(np.asarray, record)
         wall_s = (time.perf_counter() - began) / len(requests)
         return [
@@ -170,21 +202,26 @@ class JaxSimulator:
         values: Float[Array, "run parameter"],
         seeds: Int[Array, " run"],
         departs_s: Float[Array, " run"],
+        settings: Float[Array, "run effect field"] | None = None,
+        *,
         capacity: int,
     ) -> RunRecord:
         plan = RunPlan(self._clock, capacity + self._template.road.num_rows, self._steps_per_frame)
 
         @partial(jax.shard_map, mesh=self._mesh, in_specs=Spec("run"), out_specs=Spec("run"), check_vma=False)
         def on_one_device(
-            values: Float[Array, "run parameter"], seeds: Int[Array, " run"], departs_s: Float[Array, " run"]
+            values: Float[Array, "run parameter"],
+            seeds: Int[Array, " run"],
+            departs_s: Float[Array, " run"],
+            effects: Effects | None,
         ) -> RunRecord:
-            axes = self._template.batch_axes()
-            worlds = jax.vmap(self._template.world, out_axes=axes)(values, seeds, departs_s)
+            axes = self._template.batch_axes(self._has_effects)
+            worlds = jax.vmap(self._template.world, out_axes=axes)(values, seeds, departs_s, effects)
             first_frame_s = jnp.min(departs_s) - self._clock.interval_s
             end_s = jnp.asarray(self._end_s, jnp.float32)
             return observe_batch(worlds, axes, self._sensor, self._observer, plan, first_frame_s, end_s)
 
-        return on_one_device(values, seeds, departs_s)
+        return on_one_device(values, seeds, departs_s, None if settings is None else Effects(settings))
 
 
 def _collisions_allowed(record: RunRecord) -> float:

@@ -13,6 +13,8 @@ from sim_adapters.road_builder import build_road
 from sim_adapters.scenario import Scenario
 from sim_adapters.sumo_names import vehicle_class, with_attribute
 from sim_adapters.units import SECONDS_PER_HOUR
+from surrogate.effects.apply import NUM_CLASSES_OF_EFFECTS, classes_with_effects, true_inputs
+from surrogate.effects.settings import Effects
 from surrogate.inflow import Inflow, SubjectPlan
 from surrogate.road import Road
 from surrogate.step import World
@@ -76,17 +78,28 @@ class WorldTemplate:
         vtype = self.layout.vtypes[0]
         return self.class_values[self.class_names.index(vtype)][attribute]
 
-    def world(self, values: Float[Array, " parameter"], seed: Int[Array, ""], depart_s: Float[Array, ""]) -> World:
+    def world(
+        self,
+        values: Float[Array, " parameter"],
+        seed: Int[Array, ""],
+        depart_s: Float[Array, ""],
+        effects: Effects | None = None,
+    ) -> World:
         """Return the world of one run.
 
         Args:
             values: parameter vector in the order of the layout.
             seed: seed of the run.
             depart_s: when the subject vehicle departs.
+            effects: what the baseline lacks; None for the baseline.
         """
         num_inputs = self.layout.num_inputs
+        inputs = values[:num_inputs] if effects is None else true_inputs(effects, values[:num_inputs])
+        classes = self._classes(values[num_inputs:])
+        if effects is not None:
+            classes = classes_with_effects(classes, effects)
         base = jnp.asarray(np.append(np.maximum(self.base_demand_vehph(), 1e-9), 1.0), jnp.float32)
-        scale = jnp.append(values[:num_inputs], 1.0) / base
+        scale = jnp.append(inputs, 1.0) / base
         rate = jnp.asarray(self.flow_rate_vehps, jnp.float32) * scale[self.flow_input]
         demand = jnp.sum(rate, axis=1)
         share = jnp.cumsum(rate, axis=1) / jnp.maximum(demand, SMALLEST_FLOW_VEHPS)[:, None]
@@ -105,28 +118,30 @@ class WorldTemplate:
         return World(
             road=self.road,
             inflow=inflow,
-            classes=self._classes(values[num_inputs:]),
+            classes=classes,
             demand_vehps=demand,
             subject=SubjectPlan(
                 depart_s=depart_s,
                 entrance=self.subject_entrance,
                 destination=self.subject_destination,
-                vehicle_class=len(self.class_names) - 1,
+                vehicle_class=len(classes) - 1,
             ),
             seed=seed,
+            effects=effects,
         )
 
-    def batch_axes(self) -> World:
+    def batch_axes(self, has_effects: bool = False) -> World:
         """Return a world with 0 for each leaf that differs between runs and None for those that all runs share."""
         shared = dict.fromkeys(Inflow.__dataclass_fields__)
         subject = SubjectPlan(
             depart_s=0,  # pyright: ignore[reportArgumentType]
             entrance=self.subject_entrance,
             destination=self.subject_destination,
-            vehicle_class=len(self.class_names) - 1,
+            vehicle_class=len(self.class_names) - 1 + (NUM_CLASSES_OF_EFFECTS if has_effects else 0),
         )
         inflow = Inflow(**(shared | {"flow_share": 0}))  # pyright: ignore[reportArgumentType]
-        return World(road=None, inflow=inflow, classes=0, demand_vehps=0, subject=subject, seed=0)  # pyright: ignore
+        effects = 0 if has_effects else None
+        return World(None, inflow, 0, 0, subject, 0, effects)  # pyright: ignore[reportArgumentType]
 
     def _classes(self, behaviour: Float[Array, " parameter"]) -> tuple[VehicleClass, ...]:
         classes = []

@@ -14,6 +14,9 @@ import jax.numpy as jnp
 from jax.scipy.special import ndtri
 from jaxtyping import Array, Bool, Float, Int
 
+from surrogate.effects.apply import true_arrival, true_newcomers, with_memories
+from surrogate.effects.base import Arrivals, Newcomers
+from surrogate.effects.settings import Effects
 from surrogate.keyed_random import Purpose, exponential, uniform
 from surrogate.neighbours import entry_ahead, take
 from surrogate.road import Road
@@ -90,25 +93,60 @@ def arrive(
     seed: Int[Array, ""],
     now_s: Float[Array, ""],
     interval_s: float,
+    effects: Effects | None = None,
+    mainline: int = 0,
 ) -> Queues:
-    """Return the queues after `interval_s` more of demand."""
+    """Return the queues after `interval_s` more of demand.
+
+    Args:
+        state: the road before.
+        inflow: where vehicles enter.
+        demand_vehps: demand of each entrance.
+        seed: seed of the run.
+        now_s: time.
+        interval_s: time since the last call.
+        effects: what the baseline lacks; None for the baseline.
+        mainline: entrance of the subject vehicle.
+    """
+    draws = ArrivalDraws(inflow, demand_vehps, seed, effects, mainline)
     is_open = (now_s > inflow.begin_s) & (now_s <= inflow.end_s)
     demand = state.cumulated_demand + jnp.where(is_open, demand_vehps * interval_s, 0.0)
-    entrance = jnp.arange(inflow.num_entrances, dtype=jnp.int32)
     num_arrived, threshold = state.num_arrived, state.next_arrival
     for _ in range(ARRIVALS_PER_DECISION):
         has_come = demand >= threshold
         num_arrived = num_arrived + has_come
-        threshold = threshold + jnp.where(has_come, time_to_next(inflow, seed, entrance, num_arrived), 0.0)
+        threshold = threshold + jnp.where(has_come, draws.demand_to(num_arrived), 0.0)
     return Queues(num_arrived, threshold, demand)
 
 
-def time_to_next(
-    inflow: Inflow, seed: Int[Array, ""], entrance: Int[Array, " entrance"], arrival: Int[Array, " entrance"]
-) -> Float[Array, " entrance"]:
-    """Return the demand [veh] between arrival number `arrival` - 1 and `arrival`."""
-    gap = exponential(seed, entrance * ENTRANCE_STRIDE + arrival, 0, Purpose.ARRIVAL)
-    return jnp.where(inflow.is_regular, 1.0, gap)
+class ArrivalDraws(eqx.Module):
+    """How far apart vehicles arrive.
+
+    Attributes:
+        inflow: where vehicles enter.
+        demand_vehps: demand of each entrance.
+        seed: seed of the run.
+        effects: what the baseline lacks; None for the baseline.
+        mainline: entrance of the subject vehicle.
+    """
+
+    inflow: Inflow
+    demand_vehps: Float[Array, " entrance"]
+    seed: Int[Array, ""]
+    effects: Effects | None
+    mainline: int = eqx.field(static=True)
+
+    def demand_to(self, arrival: Int[Array, " entrance"]) -> Float[Array, " entrance"]:
+        """Return the demand [veh] between arrival number `arrival` - 1 and `arrival`."""
+        entrance = jnp.arange(self.inflow.num_entrances, dtype=jnp.int32)
+        gap = exponential(self.seed, entrance * ENTRANCE_STRIDE + arrival, 0, Purpose.ARRIVAL)
+        if self.effects is not None:
+            num_lanes = jnp.sum(self.inflow.lane_row >= 0, axis=1, dtype=jnp.int32)
+            is_mainline = entrance == self.mainline
+            gap = true_arrival(
+                self.effects, gap, Arrivals(arrival, num_lanes, self.demand_vehps, is_mainline, self.seed)
+            )
+        return jnp.where(self.inflow.is_regular, 1.0, gap)
 
 
 class Entrants(eqx.Module):
@@ -139,6 +177,7 @@ def entrants(
     seed: Int[Array, ""],
     now_s: Float[Array, ""],
     step_s: float,
+    effects: Effects | None = None,
 ) -> Entrants:
     """Return who may enter now: each in the queue on the lane with most room of those that serve it and are left."""
     vehicles = state.vehicles
@@ -159,6 +198,9 @@ def entrants(
     destination = jnp.take_along_axis(inflow.flow_destination, flow, axis=1)
     destination = jnp.where(is_subject, subject.destination, destination)
     speed_factor = _speed_factor(classes, vehicle_class, seed, identity)
+    if effects is not None:
+        true = true_newcomers(effects, Newcomers(identity, vehicle_class, speed_factor, is_subject), seed)
+        vehicle_class, speed_factor = true.vehicle_class, true.speed_factor
 
     lane_start_m = jnp.broadcast_to(inflow.start_m[:, None], rank.shape)
     lane_end_m = jnp.broadcast_to(inflow.end_m[:, None], rank.shape)
@@ -214,6 +256,8 @@ def entrants(
         slow_limit_mps=limit.reshape(-1),
         stop_position_m=jnp.full_like(zero, jnp.inf),
     )
+    if effects is not None:
+        newcomers = with_memories(effects, newcomers, seed)
     return Entrants(newcomers, last, enters, rank, is_subject)
 
 

@@ -19,6 +19,7 @@ class Purpose(enum.IntEnum):
     FLOW = 2
     SPEED_FACTOR = 3
     CAR_FOLLOWING = 4
+    ACTION_PHASE = 5
 
 
 def _mix(bits: UInt32[Array, "..."]) -> UInt32[Array, "..."]:

@@ -4,6 +4,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from surrogate.car_following.base import FollowingSituation
+from surrogate.effects.apply import demands_on, done, habits_of, ordered, perceived, remembered
+from surrogate.effects.base import Demands, Moment
+from surrogate.effects.settings import Effects
 from surrogate.keyed_random import Purpose, uniform
 from surrogate.lane_change.surroundings import desired_speed_mps
 from surrogate.materialise import materialise
@@ -24,6 +27,7 @@ def move(
     seed: Int[Array, ""],
     step: Int[Array, ""],
     step_s: float,
+    effects: Effects | None = None,
 ) -> tuple[VehicleArrays, Bool[Array, " vehicle"]]:
     """Return the vehicles one step later, and which overlap their leader.
 
@@ -35,6 +39,7 @@ def move(
         seed: seed of the run.
         step: number of this step.
         step_s: its length.
+        effects: what the baseline lacks; None for the baseline.
 
     Source: SUMO's semi-implicit Euler update, `MSCFModel::finalizeSpeed` and `MSLCM_LC2013::_patchSpeed`: the speed
     changes first, within [v - emergency deceleration, v + max acceleration] and up to the desired speed, then the
@@ -45,7 +50,17 @@ def move(
     gap_m = leader.position_m - select_by_class(lengths, leader.vehicle_class) - vehicles.position_m
     is_vehicle = vehicles.is_vehicle
     v = vehicles.speed_mps
-    desired_mps = desired_speed_mps(vehicles, classes)
+    demands = Demands(
+        desired_speed_mps(vehicles, classes),
+        vehicles.slow_position_m,
+        vehicles.slow_limit_mps,
+        vehicles.stop_position_m,
+    )
+    moment, habits = Moment(vehicles, classes, seed, step, step_s), None
+    if effects is not None:
+        demands = materialise(demands_on(effects, demands, moment))
+        habits = materialise(habits_of(effects, moment))
+    desired_mps = demands.desired_speed_mps
     situation = FollowingSituation(
         speed_mps=v,
         gap_m=jnp.where(leader.exists, gap_m, jnp.inf),
@@ -55,12 +70,14 @@ def move(
         desired_speed_mps=desired_mps,
         uniform=_random(vehicles, classes, seed, step),
     )
-    model = CarFollowingMix(tuple(c.car_following for c in classes), vehicles.vehicle_class)
+    if effects is not None:
+        situation = materialise(perceived(effects, situation, moment))
+    model = CarFollowingMix(tuple(c.car_following for c in classes), vehicles.vehicle_class, habits)
     acceleration = model.acceleration(situation, step_s)
-    stop_m = vehicles.stop_position_m - vehicles.position_m
+    stop_m = demands.stop_position_m - vehicles.position_m
     acceleration = jnp.minimum(acceleration, model.stop_acceleration(situation, stop_m, step_s))
-    slow_m = vehicles.slow_position_m - vehicles.position_m
-    slow_mps = jnp.minimum(desired_mps, vehicles.speed_factor * vehicles.slow_limit_mps)
+    slow_m = demands.slow_position_m - vehicles.position_m
+    slow_mps = jnp.minimum(desired_mps, vehicles.speed_factor * demands.slow_limit_mps)
     acceleration = jnp.minimum(acceleration, model.slow_acceleration(situation, slow_m, slow_mps, step_s))
 
     acceleration = limited_acceleration(
@@ -77,13 +94,18 @@ def move(
     is_asked = (asked <= acceleration) & (asked >= standstill)
     heeded = jnp.where(is_asked, acceleration + cooperative_speed * (asked - acceleration), acceleration)
     acceleration = jnp.minimum(heeded, jnp.where((own <= acceleration) & (own >= standstill), own, acceleration))
-    acceleration = materialise(acceleration)
+    acceleration = order = materialise(acceleration)
+    if effects is not None:
+        order = ordered(effects, acceleration, desired_mps, model, moment)
+        acceleration = materialise(done(effects, order, moment))
     new_v = jnp.where(is_vehicle, next_speed_mps(v, acceleration, step_s), 0.0)
     collided = is_vehicle & leader.exists & (gap_m < 0.0)
     moved = jnp.where(is_vehicle, vehicles.position_m + step_s * new_v, vehicles.position_m)
     vehicles = with_changes(
         vehicles, position_m=moved, speed_mps=new_v, acceleration_mps2=jnp.where(is_vehicle, (new_v - v) / step_s, 0.0)
     )
+    if effects is not None:
+        vehicles = remembered(effects, Moment(vehicles, classes, seed, step, step_s), order)
     return vehicles, collided
 
 

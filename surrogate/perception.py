@@ -67,6 +67,30 @@ class Sensor(eqx.Module):
     objects_per_row: int = eqx.field(static=True)
 
 
+def blank_frame(road: Road, sensor: Sensor) -> PerceptionFrame:
+    """Return a frame that is not valid, of the shape that `perceive` makes."""
+    num_objects = road.num_rows * sensor.objects_per_row
+    zero, nothing = jnp.zeros((), jnp.float32), jnp.zeros((num_objects,), jnp.float32)
+    no_object = jnp.zeros((num_objects,), bool)
+    return PerceptionFrame(
+        time_s=zero,
+        valid=jnp.zeros((), bool),
+        subject_position_m=zero,
+        subject_speed_mps=zero,
+        subject_acceleration_mps2=zero,
+        num_lanes=zero,
+        object_valid=no_object,
+        object_is_subject=no_object,
+        object_track=jnp.full((num_objects,), NO_TRACK, jnp.int32),
+        object_row=jnp.zeros((num_objects,), jnp.int32),
+        object_offset_m=nothing,
+        object_speed_mps=nothing,
+        object_lateral_m=nothing,
+        ahead_m=zero,
+        behind_m=zero,
+    )
+
+
 def perceive(
     state: TrafficState, road: Road, sensor: Sensor, subject_class: int, time_s: Float[Array, ""]
 ) -> tuple[TrafficState, PerceptionFrame]:

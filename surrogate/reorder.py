@@ -13,7 +13,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
 from surrogate.neighbours import take
-from surrogate.traffic_state import VehicleArrays, empty_vehicles
+from surrogate.traffic_state import VehicleArrays, empty_vehicles, with_changes
 
 NOBODY = jnp.iinfo(jnp.int32).max
 
@@ -114,6 +114,9 @@ def rearrange(vehicles: VehicleArrays, entrants: VehicleArrays, order: Order) ->
     """Return the arrays in the new order; entries behind the last vehicle are empty."""
     num_rows = order.head.shape[0] - 1
     nobody = jax.tree.map(lambda leaf: leaf[-1:], empty_vehicles(num_rows, num_rows + 1))
+    if vehicles.personal is not None:
+        nothing = jax.tree.map(lambda leaf: jnp.zeros((1, *leaf.shape[1:]), leaf.dtype), vehicles.personal)
+        nobody = with_changes(nobody, personal=nothing)
 
     def gather(old: Any, new: Any, empty: Any) -> Any:
         return take(jnp.concatenate([old, new, empty]), order.source)

@@ -11,7 +11,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from surrogate.perception import PerceptionFrame, Sensor, perceive
+from surrogate.effects.apply import sensed, start_of_sensing
+from surrogate.perception import PerceptionFrame, Sensor, blank_frame, perceive
 from surrogate.step import Clock, World, initial_state, move_on, settle_lanes
 from surrogate.tiles import tiles_for
 from surrogate.traffic_state import TrafficState
@@ -139,13 +140,19 @@ def observe_batch(
         return go(state, steps_after)
 
     def see(state: TrafficState, observed: ObserverState, world: World) -> tuple[Array, Array, ObserverState]:
+        has_effects = world.effects is not None
+        observed, sensor_memory = observed if has_effects else (observed, {})
         time_s = state.step.astype(jnp.float32) * clock.step_s
         with jax.named_scope("perceive"):
             state, seen_now = perceive(state, world.road, sensor, subject_class, time_s)
         in_time = time_s <= end_s + 0.5 * clock.step_s
         seen_now = eqx.tree_at(lambda one: one.valid, seen_now, seen_now.valid & in_time)
+        if world.effects is not None:
+            with jax.named_scope("sense"):
+                seen_now, sensor_memory = sensed(world.effects, seen_now, sensor_memory, world.seed)
         with jax.named_scope("observe"):
-            return state.vehicles.track, state.num_tracks, observer.update(observed, seen_now)
+            observed = observer.update(observed, seen_now)
+        return state.vehicles.track, state.num_tracks, (observed, sensor_memory) if has_effects else observed
 
     def block(carry: tuple[TrafficState, ObserverState, RunRecord]) -> tuple[TrafficState, ObserverState, RunRecord]:
         states, observed, record = carry
@@ -185,9 +192,13 @@ def observe_batch(
     first_seen_step = jnp.floor(first_frame_s / clock.step_s / steps_per_block).astype(jnp.int32) * steps_per_block
     states = jax.vmap(first, in_axes=(axes,), axis_size=num_runs)(worlds)
     start = observer.start()
+    if worlds.effects is not None:
+        start = start, start_of_sensing(blank_frame(worlds.road, sensor))
     observed = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (num_runs, *jnp.shape(leaf))), start)
     record = _record(states, _num_on_road(states), jnp.zeros((num_runs,), jnp.int32))
     _, observed, record = jax.lax.while_loop(goes_on, block, (states, observed, record))
+    if worlds.effects is not None:
+        observed = observed[0]
     return eqx.tree_at(lambda r: r.observed, record, jax.vmap(observer.finish)(observed))
 
 

@@ -5,7 +5,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from surrogate.inflow import Inflow, SubjectPlan, arrive, entrants, time_to_next
+from surrogate.effects.apply import decided, settled, with_lane_changes, with_memories
+from surrogate.effects.base import Moment
+from surrogate.effects.settings import Effects
+from surrogate.inflow import ArrivalDraws, Inflow, SubjectPlan, arrive, entrants
 from surrogate.kinematics import move
 from surrogate.lane_change.base import STAY, Reason
 from surrogate.lane_change.decide import decide
@@ -47,6 +50,7 @@ class World(eqx.Module):
         demand_vehps: demand of each entrance.
         subject: when and where the subject vehicle enters.
         seed: seed of the run.
+        effects: what the baseline lacks; None for the baseline, whose program then knows nothing of effects.
     """
 
     road: Road
@@ -55,6 +59,7 @@ class World(eqx.Module):
     demand_vehps: Float[Array, " entrance"]
     subject: SubjectPlan
     seed: Int[Array, ""]
+    effects: Effects | None = None
 
 
 def initial_state(world: World, capacity: int) -> TrafficState:
@@ -65,15 +70,18 @@ def initial_state(world: World, capacity: int) -> TrafficState:
         capacity: entries of the vehicle arrays: rows plus the most vehicles that may be on the road at once.
     """
     num_rows, num_entrances = world.road.num_rows, world.inflow.num_entrances
-    entrance = jnp.arange(num_entrances, dtype=jnp.int32)
     none = jnp.zeros((num_entrances,), jnp.int32)
+    vehicles = empty_vehicles(num_rows, capacity)
+    if world.effects is not None:
+        vehicles = with_memories(world.effects, vehicles, world.seed)
+    draws = ArrivalDraws(world.inflow, world.demand_vehps, world.seed, world.effects, world.subject.entrance)
     return TrafficState(
-        vehicles=empty_vehicles(num_rows, capacity),
+        vehicles=vehicles,
         head=jnp.arange(num_rows + 1, dtype=jnp.int32),
         step=jnp.zeros((), jnp.int32),
         num_arrived=none,
         num_inserted=none,
-        next_arrival=time_to_next(world.inflow, world.seed, entrance, none),
+        next_arrival=draws.demand_to(none),
         cumulated_demand=jnp.zeros((num_entrances,), jnp.float32),
         subject_inserted=jnp.zeros((), bool),
         subject_left=jnp.zeros((), bool),
@@ -96,10 +104,23 @@ def settle_lanes(
         num_tiles: tiles that hold vehicles, see `surrogate.tiles`; all unless given.
     """
     now_s = state.step.astype(jnp.float32) * clock.step_s
-    queues = arrive(state, world.inflow, world.demand_vehps, world.seed, now_s, clock.interval_s)
+    effects = world.effects
+    queues = arrive(
+        state,
+        world.inflow,
+        world.demand_vehps,
+        world.seed,
+        now_s,
+        clock.interval_s,
+        effects,
+        world.subject.entrance,
+    )
     with jax.named_scope("lane_change"):
         place = Place(state.vehicles, world.road, state.head)
         decision = decide(place, world.classes, clock.interval_s, clock.step_s, num_tiles)
+    if effects is not None:
+        moment = Moment(state.vehicles, world.classes, world.seed, state.step, clock.step_s)
+        decision = materialise(decided(effects, decision, moment))
     vehicles = with_changes(
         state.vehicles,
         own_advice_mps2=decision.own_advice_mps2,
@@ -111,7 +132,16 @@ def settle_lanes(
     )
     with jax.named_scope("enter"):
         candidates = entrants(
-            state, queues, world.road, world.inflow, world.classes, world.subject, world.seed, now_s, clock.step_s
+            state,
+            queues,
+            world.road,
+            world.inflow,
+            world.classes,
+            world.subject,
+            world.seed,
+            now_s,
+            clock.step_s,
+            effects,
         )
     destination_m = world.road.destination_end_m.at[vehicles.destination].get(mode="promise_in_bounds")
     leaves = vehicles.is_vehicle & (vehicles.position_m >= destination_m)
@@ -128,7 +158,11 @@ def settle_lanes(
         row = jnp.where(order.has_moved, decision.target_row, vehicles.row)
         vehicles = _look_up_lane(with_changes(vehicles, row=row), place)
         newcomers = candidates.vehicles
+        if effects is not None:
+            vehicles = with_lane_changes(vehicles, jnp.where(order.has_moved, decision.direction, STAY))
         vehicles = rearrange(vehicles, newcomers, order)
+    if effects is not None:
+        vehicles = settled(effects, Moment(vehicles, world.classes, world.seed, state.step, clock.step_s))
     subject_class = len(world.classes) - 1
     enters_as_other = order.has_entered & ~candidates.is_subject
     reasons = jnp.zeros_like(state.num_lane_changes).at[decision.reason].add(order.has_moved.astype(jnp.int32))
@@ -178,7 +212,7 @@ def move_on(
             vehicles = before.of(tile(state.vehicles))
             cooperative_speed = select_by_class(cooperative, vehicles.vehicle_class)
             after, has_collided = move(
-                vehicles, tile(leader), world.classes, cooperative_speed, world.seed, step, step_s
+                vehicles, tile(leader), world.classes, cooperative_speed, world.seed, step, step_s, world.effects
             )
             after = jax.tree.map(lambda new, old: jnp.where(tile.is_new, new, old), _Motion.from_(after), before)
             return tile.write(motion, after), num_collisions + jnp.sum(has_collided & tile.is_new)
@@ -199,11 +233,12 @@ class _Motion(eqx.Module):
     position_m: Float[Array, " vehicle"]
     speed_mps: Float[Array, " vehicle"]
     acceleration_mps2: Float[Array, " vehicle"]
+    personal: dict[str, dict[str, Array]] | None
 
     @classmethod
     def from_(cls, vehicles: VehicleArrays) -> "_Motion":
         """Take it from vehicles."""
-        return cls(vehicles.position_m, vehicles.speed_mps, vehicles.acceleration_mps2)
+        return cls(vehicles.position_m, vehicles.speed_mps, vehicles.acceleration_mps2, vehicles.personal)
 
     def of(self, vehicles: VehicleArrays) -> VehicleArrays:
         """Return the vehicles with this motion."""
@@ -212,6 +247,7 @@ class _Motion(eqx.Module):
             position_m=self.position_m,
             speed_mps=self.speed_mps,
             acceleration_mps2=self.acceleration_mps2,
+            personal=self.personal,
         )
 
 

@@ -5,6 +5,8 @@ a *head*, an entry at position +inf and speed 0 that stands for "no leader"; so 
 and `gap = inf` means no leader without any special case. Empty entries follow the last row.
 """
 
+from typing import Any
+
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
@@ -37,6 +39,7 @@ class VehicleArrays(eqx.Module):
         slow_position_m: where the next lower limit begins.
         slow_limit_mps: that limit.
         stop_position_m: where the vehicle must stand if it does not leave its lane.
+        personal: what each effect remembers of each vehicle; None without effects.
     """
 
     position_m: Float[Array, " vehicle"]
@@ -58,6 +61,7 @@ class VehicleArrays(eqx.Module):
     slow_position_m: Float[Array, " vehicle"]
     slow_limit_mps: Float[Array, " vehicle"]
     stop_position_m: Float[Array, " vehicle"]
+    personal: dict[str, dict[str, Array]] | None = None
 
     @property
     def is_vehicle(self) -> Bool[Array, " vehicle"]:
@@ -65,7 +69,7 @@ class VehicleArrays(eqx.Module):
         return self.vehicle_class >= 0
 
 
-def with_changes(vehicles: VehicleArrays, **changes: Array) -> VehicleArrays:
+def with_changes(vehicles: VehicleArrays, **changes: Any) -> VehicleArrays:
     """Return the vehicles with other values in some of the arrays."""
     fields = {name: getattr(vehicles, name) for name in VehicleArrays.__dataclass_fields__}
     return VehicleArrays(**(fields | changes))

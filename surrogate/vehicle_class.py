@@ -9,6 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from surrogate.car_following.base import CarFollowingModel, FollowingSituation
+from surrogate.car_following.habits import HABIT_OF_FIELD, Habits, with_habits
 from surrogate.lane_change.base import LaneChangeModel
 
 Value = Float[Array, "..."]
@@ -55,21 +56,31 @@ class CarFollowingMix(eqx.Module):
     """The car-following models of an array of vehicles that may belong to different classes.
 
     Each kind of model that occurs is computed once for the whole array; a vehicle takes the result of its own.
+
+    Attributes:
+        models: model of each class.
+        vehicle_class: class of each vehicle.
+        habits: how each driver differs from his class; None where none does.
     """
 
     models: tuple[CarFollowingModel, ...]
     vehicle_class: Int[Array, "..."]
+    habits: Habits | None = None
 
     def field(self, name: str) -> Value:
         """Return a field that all models have, e.g. `jam_gap_m`."""
-        return select_by_class([getattr(model, name) for model in self.models], self.vehicle_class)
+        value = select_by_class([getattr(model, name) for model in self.models], self.vehicle_class)
+        if self.habits is not None and name in HABIT_OF_FIELD:
+            value = value * getattr(self.habits, HABIT_OF_FIELD[name])
+        return value
 
     def _each(self, ask: Callable[[CarFollowingModel], Value]) -> Value:
         answer = None
         for kind in dict.fromkeys(type(model) for model in self.models):
             members = [index for index, model in enumerate(self.models) if type(model) is kind]
             own = [model if type(model) is kind else self.models[members[0]] for model in self.models]
-            value = ask(select_record(own, self.vehicle_class))
+            record = select_record(own, self.vehicle_class)
+            value = ask(record if self.habits is None else with_habits(record, self.habits))
             if answer is None:
                 answer = value
             else:

@@ -6,6 +6,8 @@ file with a subclass, give it the five common fields and the four methods, and e
 """
 
 import abc
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import ClassVar
 
 import equinox as eqx
@@ -47,9 +49,13 @@ class CarFollowingModel(eqx.Module):
         max_deceleration_mps2: deceleration that the driver is ready to use (SUMO's decel).
         emergency_deceleration_mps2: physical bound of the deceleration.
         draws_once_per_driver: whether the random number of a situation stays the driver's own; else each step has one.
+        habit_fields: the numbers in which drivers of one class may differ, each with its field of `Habits`.
     """
 
     draws_once_per_driver: ClassVar[bool] = False
+    habit_fields: ClassVar[Mapping[str, str]] = MappingProxyType(
+        {"time_gap_s": "time_gap", "max_acceleration_mps2": "acceleration", "max_deceleration_mps2": "deceleration"}
+    )
     jam_gap_m: eqx.AbstractVar[Value]
     time_gap_s: eqx.AbstractVar[Value]
     max_acceleration_mps2: eqx.AbstractVar[Value]

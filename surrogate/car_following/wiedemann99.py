@@ -5,6 +5,9 @@ here, which a calibration that is confirmed in SUMO needs, and `wiedemann99_viss
 """
 
 import abc
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import ClassVar
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -36,6 +39,13 @@ class Wiedemann99(LateBrakingModel):
         emergency_deceleration_mps2: physical bound.
     """
 
+    habit_fields: ClassVar[Mapping[str, str]] = MappingProxyType(
+        {
+            "cc1_time_gap_s": "time_gap",
+            "cc8_standstill_acceleration_mps2": "acceleration",
+            "max_deceleration_mps2": "deceleration",
+        }
+    )
     cc0_standstill_gap_m: Value
     cc1_time_gap_s: Value
     cc2_following_variation_m: Value

@@ -1,0 +1,174 @@
+"""Calls the effects at the places of the simulator where they act, in the order of the registry."""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+from surrogate.car_following.base import FollowingSituation
+from surrogate.car_following.habits import Habits
+from surrogate.effects.base import Arrivals, Demands, Moment, Newcomers
+from surrogate.effects.registry import EFFECTS
+from surrogate.effects.settings import Effects
+from surrogate.lane_change.base import LaneChangeDecision
+from surrogate.perception import PerceptionFrame
+from surrogate.traffic_state import VehicleArrays, with_changes
+from surrogate.vehicle_class import CarFollowingMix, VehicleClass
+
+Value = Float[Array, " vehicle"]
+LANE_CHANGE = "lane_change"  # of the memories: in which direction a vehicle has changed at the last decision
+NUM_CLASSES_OF_EFFECTS = sum(effect.new_class is not None for effect in EFFECTS)
+SensorMemory = dict[str, Any]
+
+
+def true_inputs(effects: Effects, inputs_vehph: Float[Array, " input"]) -> Float[Array, " input"]:
+    """Return the inflows that there really are."""
+    for effect in EFFECTS:
+        if effect.inputs is not None:
+            inputs_vehph = effect.inputs(effects.dial(effect.name), inputs_vehph)
+    return inputs_vehph
+
+
+def classes_with_effects(classes: tuple[VehicleClass, ...], effects: Effects) -> tuple[VehicleClass, ...]:
+    """Return the classes as they really are: those of human drivers, those that effects add, the subject vehicle's."""
+    *humans, subject = classes
+    added = [effect.new_class(effects.dial(effect.name), humans[0]) for effect in EFFECTS if effect.new_class]
+    everybody = [*humans, *added]
+    for effect in EFFECTS:
+        if effect.behaviour is not None:
+            everybody = [effect.behaviour(effects.dial(effect.name), one) for one in everybody]
+    return (*everybody, subject)
+
+
+def true_arrival(effects: Effects, gap: Float[Array, " entrance"], arrivals: Arrivals) -> Float[Array, " entrance"]:
+    """Return the demand [veh] until the next vehicle arrives."""
+    for effect in EFFECTS:
+        if effect.arrival is not None:
+            gap = effect.arrival(effects.dial(effect.name), gap, arrivals)
+    return gap
+
+
+def true_newcomers(effects: Effects, newcomers: Newcomers, seed: Int[Array, ""]) -> Newcomers:
+    """Return who really asks to enter."""
+    for effect in EFFECTS:
+        if effect.newcomer is not None:
+            newcomers = effect.newcomer(effects.dial(effect.name), newcomers, seed)
+    return newcomers
+
+
+def with_memories(effects: Effects, vehicles: VehicleArrays, seed: Int[Array, ""]) -> VehicleArrays:
+    """Return vehicles that have just come, with what effects know of them."""
+    personal = {
+        effect.name: effect.begin(effects.dial(effect.name), vehicles, seed)
+        for effect in EFFECTS
+        if effect.begin is not None
+    }
+    personal[LANE_CHANGE] = {"direction": jnp.zeros_like(vehicles.row)}
+    return with_changes(vehicles, personal=personal)
+
+
+def demands_on(effects: Effects, demands: Demands, moment: Moment) -> Demands:
+    """Return what road and events demand of each vehicle."""
+    for effect in EFFECTS:
+        if effect.limit is not None:
+            demands = effect.limit(effects.dial(effect.name), demands, moment)
+    return demands
+
+
+def perceived(effects: Effects, situation: FollowingSituation, moment: Moment) -> FollowingSituation:
+    """Return the situation as drivers see it."""
+    for effect in EFFECTS:
+        if effect.perceive is not None:
+            situation = effect.perceive(effects.dial(effect.name), situation, moment)
+    return situation
+
+
+def habits_of(effects: Effects, moment: Moment) -> Habits:
+    """Return how drivers differ from their classes now."""
+    habits = Habits.usual(moment.vehicles.speed_mps)
+    for effect in EFFECTS:
+        if effect.adapt is not None:
+            habits = effect.adapt(effects.dial(effect.name), habits, moment)
+    return habits
+
+
+def ordered(effects: Effects, acceleration: Value, desired_mps: Value, model: CarFollowingMix, moment: Moment) -> Value:
+    """Return the acceleration that drivers order."""
+    for effect in EFFECTS:
+        if effect.command is not None:
+            acceleration = effect.command(effects.dial(effect.name), acceleration, desired_mps, model, moment)
+    return acceleration
+
+
+def done(effects: Effects, acceleration: Value, moment: Moment) -> Value:
+    """Return the acceleration that vehicles do."""
+    for effect in EFFECTS:
+        if effect.actuate is not None:
+            acceleration = effect.actuate(effects.dial(effect.name), acceleration, moment)
+    return acceleration
+
+
+def remembered(effects: Effects, moment: Moment, order_mps2: Value) -> VehicleArrays:
+    """Return the vehicles after a step with what effects remember of it."""
+    personal = dict(moment.vehicles.personal or {})
+    for effect in EFFECTS:
+        if effect.remember is not None:
+            personal[effect.name] = effect.remember(effects.dial(effect.name), moment, order_mps2)
+    return with_changes(moment.vehicles, personal=personal)
+
+
+def decided(effects: Effects, decision: LaneChangeDecision, moment: Moment) -> LaneChangeDecision:
+    """Return what vehicles do about their lanes."""
+    for effect in EFFECTS:
+        if effect.decide is not None:
+            decision = effect.decide(effects.dial(effect.name), decision, moment)
+    return decision
+
+
+def with_lane_changes(vehicles: VehicleArrays, direction: Int[Array, " vehicle"]) -> VehicleArrays:
+    """Return the vehicles, each with the direction in which it is changing lane now."""
+    personal = dict(vehicles.personal or {}) | {LANE_CHANGE: {"direction": direction}}
+    return with_changes(vehicles, personal=personal)
+
+
+def settled(effects: Effects, moment: Moment) -> VehicleArrays:
+    """Return the vehicles in their new order with what effects remember of the lane changes."""
+    personal = dict(moment.vehicles.personal or {})
+    direction = personal[LANE_CHANGE]["direction"]
+    for effect in EFFECTS:
+        if effect.settle is not None:
+            personal[effect.name] = effect.settle(effects.dial(effect.name), moment, direction)
+    return with_changes(moment.vehicles, personal=personal)
+
+
+def start_of_sensing(frame: PerceptionFrame) -> SensorMemory:
+    """Return what the sensors remember before the first frame, which `frame` is like."""
+    return {effect.name: effect.watch(frame) for effect in EFFECTS if effect.watch is not None}
+
+
+def sensed(
+    effects: Effects, frame: PerceptionFrame, memory: SensorMemory, seed: Int[Array, ""]
+) -> tuple[PerceptionFrame, SensorMemory]:
+    """Return a frame as the sensors report it."""
+    memory = dict(memory)
+    for effect in EFFECTS:
+        if effect.sense is not None:
+            frame, after = effect.sense(effects.dial(effect.name), frame, memory.get(effect.name, {}), seed)
+            if effect.watch is not None:
+                memory[effect.name] = after
+    return frame, memory
+
+
+def sense_drive(frames: PerceptionFrame, effects: Effects, seed: Int[Array, ""]) -> PerceptionFrame:
+    """Return the frames of one drive, stacked along a leading time axis, as the sensors report them.
+
+    The same code that the simulator applies to its own frames, for frames of any other source.
+    """
+    start = start_of_sensing(jax.tree.map(lambda leaf: jnp.asarray(leaf)[0], frames))
+
+    def one(memory: SensorMemory, frame: PerceptionFrame) -> tuple[SensorMemory, PerceptionFrame]:
+        frame, memory = sensed(effects, frame, memory, seed)
+        return memory, frame
+
+    return jax.lax.scan(one, start, jax.tree.map(jnp.asarray, frames))[1]

@@ -1,0 +1,260 @@
+"""What an effect is: a name, a unit, a range of strength, and functions at the places where it acts.
+
+A simulator with effects holds all of the registry. Strength, place and time of each are leaves, so that one program
+runs any mix of them under `vmap`. At strength 0 every function returns its argument bit for bit: multiply by 1, add 0,
+or choose with `where`.
+"""
+
+import enum
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from surrogate.traffic_state import VehicleArrays
+from surrogate.vehicle_class import VehicleClass
+
+Value = Float[Array, "..."]
+Memory = dict[str, Array]  # what an effect remembers of each vehicle, or of the frames before
+
+
+class ActsOn(enum.StrEnum):
+    """Where an effect acts."""
+
+    PERCEPTION = "perception"
+    DECISION = "decision"
+    ACTUATION = "actuation"
+    ROAD = "road"
+    DEMAND = "demand"
+    COMPOSITION = "composition"
+    SENSOR = "sensor"
+
+
+class Dial(eqx.Module):
+    """The setting of one effect in one run.
+
+    Attributes:
+        strength: 0 where the effect is absent; its unit is the effect's.
+        route_from_m: where along the subject vehicle's route it begins.
+        route_to_m: where it ends.
+        time_from_s: when it begins, on the scenario's clock.
+        time_to_s: when it ends.
+        choice: which lane or input, as the effect says.
+        time_constant_s: how long its consequences last, as the effect says.
+    """
+
+    strength: Value
+    route_from_m: Value
+    route_to_m: Value
+    time_from_s: Value
+    time_to_s: Value
+    choice: Value
+    time_constant_s: Value
+
+    FIELDS: ClassVar[tuple[str, ...]] = (
+        "strength", "route_from_m", "route_to_m", "time_from_s", "time_to_s", "choice", "time_constant_s",
+    )  # fmt: skip
+
+    @property
+    def is_on(self) -> Bool[Array, "..."]:
+        """Whether the effect is there at all."""
+        return self.strength != 0.0
+
+    def covers(self, position_m: Value, time_s: Value) -> Bool[Array, "..."]:
+        """Return whether the effect acts at this place and time."""
+        here = (position_m >= self.route_from_m) & (position_m < self.route_to_m)
+        return here & (time_s >= self.time_from_s) & (time_s < self.time_to_s)
+
+
+@dataclass(frozen=True)
+class EffectSetting:
+    """What a caller asks of one effect; what is left out is everywhere, always, and the effect's default.
+
+    Attributes:
+        strength: in the effect's unit; 0 is off.
+        route_from_m: position along the subject vehicle's route, as in `PerceptionFrame.subject_position_m`.
+        route_to_m: position at which the effect ends.
+        time_from_s: time on the scenario's clock.
+        time_to_s: time at which it ends.
+        choice: see `Effect.choice`.
+        time_constant_s: see `Effect.time_constant`.
+    """
+
+    strength: float
+    route_from_m: float | None = None
+    route_to_m: float | None = None
+    time_from_s: float | None = None
+    time_to_s: float | None = None
+    choice: float | None = None
+    time_constant_s: float | None = None
+
+
+class Moment(eqx.Module):
+    """What an effect may look at while vehicles move or decide.
+
+    Attributes:
+        vehicles: all vehicles, with what effects remember of them.
+        classes: vehicle classes; that of the subject vehicle is the last.
+        seed: seed of the run.
+        step: number of the step.
+        step_s: its length.
+    """
+
+    vehicles: VehicleArrays
+    classes: tuple[VehicleClass, ...]
+    seed: Int[Array, ""]
+    step: Int[Array, ""]
+    step_s: float = eqx.field(static=True)
+
+    @property
+    def time_s(self) -> Float[Array, ""]:
+        """Time on the scenario's clock."""
+        return self.step.astype(jnp.float32) * self.step_s
+
+    @property
+    def is_subject(self) -> Bool[Array, " vehicle"]:
+        """Which vehicle is the subject vehicle."""
+        return self.vehicles.vehicle_class == len(self.classes) - 1
+
+    @property
+    def is_background(self) -> Bool[Array, " vehicle"]:
+        """Which entries are vehicles with a human driver."""
+        return self.vehicles.is_vehicle & ~self.is_subject
+
+    def memory(self, effect: str) -> Memory:
+        """Return what the effect remembers of each vehicle."""
+        assert self.vehicles.personal is not None
+        return self.vehicles.personal[effect]
+
+
+class Demands(eqx.Module):
+    """What the road demands of each vehicle.
+
+    Attributes:
+        desired_speed_mps: speed wanted here.
+        slow_position_m: where a lower limit begins; inf where there is none.
+        slow_limit_mps: that limit.
+        stop_position_m: where the vehicle must stand; inf where it need not.
+    """
+
+    desired_speed_mps: Value
+    slow_position_m: Value
+    slow_limit_mps: Value
+    stop_position_m: Value
+
+
+class Newcomers(eqx.Module):
+    """Drivers who ask to enter.
+
+    Attributes:
+        identity: keys their random numbers.
+        vehicle_class: class.
+        speed_factor: desired speed over the limit.
+        is_subject: which is the subject vehicle.
+    """
+
+    identity: Int[Array, "entrance rank"]
+    vehicle_class: Int[Array, "entrance rank"]
+    speed_factor: Float[Array, "entrance rank"]
+    is_subject: Bool[Array, "entrance rank"]
+
+
+class Arrivals(eqx.Module):
+    """Arrivals at the entrances.
+
+    Attributes:
+        arrival: number of the next vehicle of each entrance.
+        num_lanes: lanes of each entrance.
+        demand_vehps: demand of each entrance.
+        is_mainline: whether the subject vehicle enters there.
+        seed: seed of the run.
+    """
+
+    arrival: Int[Array, " entrance"]
+    num_lanes: Int[Array, " entrance"]
+    demand_vehps: Float[Array, " entrance"]
+    is_mainline: Bool[Array, " entrance"]
+    seed: Int[Array, ""]
+
+
+Hook = Callable[..., Any] | None
+
+
+@dataclass(frozen=True)
+class Effect:
+    """One effect: its description, and its functions, each None where it does not act there.
+
+    The first argument of every function is the effect's `Dial`.
+
+    Attributes:
+        name: as results name it.
+        title: one line for people.
+        unit: unit of the strength.
+        weak: strength that is hard to see.
+        medium: strength as it is commonly found.
+        strong: strength at the upper end of what is found.
+        acts_on: where it acts.
+        source: where model and range come from.
+        has_place: whether `route_from_m` and `route_to_m` matter.
+        has_time: whether `time_from_s` and `time_to_s` matter.
+        is_signed: whether negative strengths mean something.
+        choice: what `choice` is; empty where it does not matter.
+        default_choice: its value unless given.
+        time_constant: what `time_constant_s` is; empty where it does not matter.
+        default_time_constant_s: its value unless given.
+        reported_at_zero: what people call strength 0, where they count from elsewhere: a factor counts from 1.
+        inputs: (dial, inputs [veh/h]) -> inputs.
+        arrival: (dial, demand to the next arrival [veh], Arrivals) -> demand to the next arrival.
+        newcomer: (dial, Newcomers, seed) -> Newcomers.
+        behaviour: (dial, VehicleClass of human drivers) -> VehicleClass.
+        new_class: (dial, VehicleClass) -> a class of vehicles that the effect adds, made from that of most vehicles.
+        begin: (dial, VehicleArrays, seed) -> memory of vehicles that enter.
+        limit: (dial, Demands, Moment) -> Demands.
+        perceive: (dial, FollowingSituation, Moment) -> FollowingSituation.
+        adapt: (dial, Habits, Moment) -> Habits.
+        command: (dial, acceleration, desired speed, CarFollowingMix, Moment) -> acceleration that the driver orders.
+        actuate: (dial, acceleration, Moment) -> acceleration that the vehicle does.
+        remember: (dial, Moment after the step, acceleration ordered) -> memory.
+        decide: (dial, LaneChangeDecision, Moment) -> LaneChangeDecision.
+        settle: (dial, Moment after the decision, direction in which each vehicle has just changed) -> memory.
+        appear: (dial, PerceptionFrame, memory of the vehicle at each object, lane width) -> PerceptionFrame.
+        watch: (PerceptionFrame) -> memory before the first frame.
+        sense: (dial, PerceptionFrame, memory, seed) -> PerceptionFrame, memory.
+    """
+
+    name: str
+    title: str
+    unit: str
+    weak: float
+    medium: float
+    strong: float
+    acts_on: ActsOn
+    source: str
+    has_place: bool = False
+    has_time: bool = False
+    is_signed: bool = False
+    choice: str = ""
+    default_choice: float = 0.0
+    time_constant: str = ""
+    default_time_constant_s: float = 1.0
+    reported_at_zero: float = 0.0
+    inputs: Hook = None
+    arrival: Hook = None
+    newcomer: Hook = None
+    behaviour: Hook = None
+    new_class: Hook = None
+    begin: Hook = None
+    limit: Hook = None
+    perceive: Hook = None
+    adapt: Hook = None
+    command: Hook = None
+    actuate: Hook = None
+    remember: Hook = None
+    decide: Hook = None
+    settle: Hook = None
+    appear: Hook = None
+    watch: Hook = None
+    sense: Hook = None
