@@ -199,7 +199,7 @@ def entrants(
     destination = jnp.where(is_subject, subject.destination, destination)
     speed_factor = _speed_factor(classes, vehicle_class, seed, identity)
     if effects is not None:
-        true = true_newcomers(effects, Newcomers(identity, vehicle_class, speed_factor, is_subject), seed)
+        true = true_newcomers(effects, Newcomers(identity, vehicle_class, speed_factor, is_subject), classes, seed)
         vehicle_class, speed_factor = true.vehicle_class, true.speed_factor
 
     lane_start_m = jnp.broadcast_to(inflow.start_m[:, None], rank.shape)

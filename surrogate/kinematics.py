@@ -4,8 +4,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from surrogate.car_following.base import FollowingSituation
-from surrogate.effects.apply import demands_on, done, habits_of, ordered, perceived, remembered
-from surrogate.effects.base import Demands, Moment
+from surrogate.effects.apply import done, habits_of, ordered, perceived, remembered
+from surrogate.effects.base import Moment
 from surrogate.effects.settings import Effects
 from surrogate.keyed_random import Purpose, uniform
 from surrogate.lane_change.surroundings import desired_speed_mps
@@ -13,9 +13,9 @@ from surrogate.materialise import materialise
 from surrogate.neighbours import Neighbour
 from surrogate.traffic_state import VehicleArrays, with_changes
 from surrogate.vehicle_class import CarFollowingMix, VehicleClass, select_by_class
+from surrogate.vehicle_limits import limited_acceleration, next_speed_mps
 
 Value = Float[Array, " vehicle"]
-SMALLEST_SPEED_MPS = 1e-5
 BEFORE_ALL_STEPS = -1  # keys the random number that a driver keeps
 
 
@@ -50,17 +50,7 @@ def move(
     gap_m = leader.position_m - select_by_class(lengths, leader.vehicle_class) - vehicles.position_m
     is_vehicle = vehicles.is_vehicle
     v = vehicles.speed_mps
-    demands = Demands(
-        desired_speed_mps(vehicles, classes),
-        vehicles.slow_position_m,
-        vehicles.slow_limit_mps,
-        vehicles.stop_position_m,
-    )
-    moment, habits = Moment(vehicles, classes, seed, step, step_s), None
-    if effects is not None:
-        demands = materialise(demands_on(effects, demands, moment))
-        habits = materialise(habits_of(effects, moment))
-    desired_mps = demands.desired_speed_mps
+    desired_mps = desired_speed_mps(vehicles, classes)
     situation = FollowingSituation(
         speed_mps=v,
         gap_m=jnp.where(leader.exists, gap_m, jnp.inf),
@@ -70,14 +60,15 @@ def move(
         desired_speed_mps=desired_mps,
         uniform=_random(vehicles, classes, seed, step),
     )
+    moment, habits = Moment(vehicles, classes, seed, step, step_s), None
     if effects is not None:
-        situation = materialise(perceived(effects, situation, moment))
+        situation, habits = materialise((perceived(effects, situation, moment), habits_of(effects, moment)))
     model = CarFollowingMix(tuple(c.car_following for c in classes), vehicles.vehicle_class, habits)
     acceleration = model.acceleration(situation, step_s)
-    stop_m = demands.stop_position_m - vehicles.position_m
+    stop_m = vehicles.stop_position_m - vehicles.position_m
     acceleration = jnp.minimum(acceleration, model.stop_acceleration(situation, stop_m, step_s))
-    slow_m = demands.slow_position_m - vehicles.position_m
-    slow_mps = jnp.minimum(desired_mps, vehicles.speed_factor * demands.slow_limit_mps)
+    slow_m = vehicles.slow_position_m - vehicles.position_m
+    slow_mps = jnp.minimum(desired_mps, vehicles.speed_factor * vehicles.slow_limit_mps)
     acceleration = jnp.minimum(acceleration, model.slow_acceleration(situation, slow_m, slow_mps, step_s))
 
     acceleration = limited_acceleration(
@@ -107,31 +98,6 @@ def move(
     if effects is not None:
         vehicles = remembered(effects, Moment(vehicles, classes, seed, step, step_s), order)
     return vehicles, collided
-
-
-def next_speed_mps(speed_mps: Value, acceleration_mps2: Value, step_s: float) -> Value:
-    """Return the speed after a step, >= 0; who brakes to a standstill stands, whatever rounding leaves of his speed."""
-    speed = speed_mps + step_s * acceleration_mps2
-    return jnp.where(speed <= SMALLEST_SPEED_MPS, 0.0, speed)  # what is no number stays none
-
-
-def limited_acceleration(
-    wanted_mps2: Value,
-    speed_mps: Value,
-    desired_speed_mps: Value,
-    max_acceleration_mps2: Value,
-    max_deceleration_mps2: Value,
-    emergency_deceleration_mps2: Value,
-    step_s: float,
-) -> Value:
-    """Return what a vehicle does of what its driver wants.
-
-    It accelerates no harder than it can and not beyond the desired speed; if it is faster than that, it slows down no
-    harder than it is ready to; it brakes no harder than physics allows.
-    """
-    up_mps2 = jnp.minimum(max_acceleration_mps2, (desired_speed_mps - speed_mps) / step_s)
-    up_mps2 = jnp.maximum(up_mps2, -max_deceleration_mps2)
-    return jnp.clip(wanted_mps2, -emergency_deceleration_mps2, up_mps2)
 
 
 def _random(

@@ -1,6 +1,9 @@
 """What the subject vehicle detects at one instant. Every source of observations, simulated or real, ends up here."""
 
+import dataclasses
+
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
@@ -91,10 +94,40 @@ def blank_frame(road: Road, sensor: Sensor) -> PerceptionFrame:
     )
 
 
+def is_other(frame: PerceptionFrame) -> Bool[Array, " object"]:
+    """Return which objects are vehicles other than the subject vehicle."""
+    return frame.object_valid & ~frame.object_is_subject
+
+
+def frame_number(frame: PerceptionFrame) -> Int[Array, ""]:
+    """Return a number that keys the random numbers of a frame: its time in milliseconds."""
+    return jnp.round(frame.time_s * 1000.0).astype(jnp.int32)
+
+
+def with_objects(frame: PerceptionFrame, valid: Bool[Array, " object"]) -> PerceptionFrame:
+    """Return the frame with only these of its objects."""
+    return dataclasses.replace(
+        frame,
+        object_valid=valid,
+        object_track=jnp.where(valid, frame.object_track, NO_TRACK),
+        object_offset_m=jnp.where(valid, frame.object_offset_m, 0.0),
+        object_speed_mps=jnp.where(valid, frame.object_speed_mps, 0.0),
+    )
+
+
+def in_order(frame: PerceptionFrame) -> PerceptionFrame:
+    """Return the frame with its objects sorted by (row, -position); places without an object come last."""
+    row = jnp.where(frame.object_valid, frame.object_row, jnp.iinfo(jnp.int32).max)
+    places = jnp.arange(row.shape[0], dtype=jnp.int32)
+    *_, order = jax.lax.sort((row, -frame.object_offset_m, places), num_keys=2)
+    names = [name for name in PerceptionFrame.__dataclass_fields__ if name.startswith("object_")]
+    return dataclasses.replace(frame, **{name: take(getattr(frame, name), order) for name in names})
+
+
 def perceive(
     state: TrafficState, road: Road, sensor: Sensor, subject_class: int, time_s: Float[Array, ""]
-) -> tuple[TrafficState, PerceptionFrame]:
-    """Return what the subject vehicle detects, and the state with newly detected vehicles numbered.
+) -> tuple[TrafficState, PerceptionFrame, Int[Array, " object"]]:
+    """Return what the subject vehicle detects, the state with newly detected vehicles numbered, and objects' entries.
 
     Only the carriageway is seen; vehicles on ramps are not.
     """
@@ -147,4 +180,4 @@ def perceive(
         ahead_m=sensor.ahead_m,
         behind_m=sensor.behind_m,
     )
-    return state, frame
+    return state, frame, entry

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from surrogate.car_following.base import CarFollowingModel, FollowingSituation
-from surrogate.kinematics import limited_acceleration, next_speed_mps
+from surrogate.vehicle_limits import limited_acceleration, next_speed_mps
 
 Value = Float[Array, " follower"]
 

@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from surrogate.effects.apply import sensed, start_of_sensing
+from surrogate.effects.apply import appeared, sensed, start_of_sensing
 from surrogate.perception import PerceptionFrame, Sensor, blank_frame, perceive
 from surrogate.step import Clock, World, initial_state, move_on, settle_lanes
 from surrogate.tiles import tiles_for
@@ -144,11 +144,12 @@ def observe_batch(
         observed, sensor_memory = observed if has_effects else (observed, {})
         time_s = state.step.astype(jnp.float32) * clock.step_s
         with jax.named_scope("perceive"):
-            state, seen_now = perceive(state, world.road, sensor, subject_class, time_s)
+            state, seen_now, entry = perceive(state, world.road, sensor, subject_class, time_s)
         in_time = time_s <= end_s + 0.5 * clock.step_s
         seen_now = eqx.tree_at(lambda one: one.valid, seen_now, seen_now.valid & in_time)
         if world.effects is not None:
             with jax.named_scope("sense"):
+                seen_now = appeared(world.effects, seen_now, state.vehicles, entry)
                 seen_now, sensor_memory = sensed(world.effects, seen_now, sensor_memory, world.seed)
         with jax.named_scope("observe"):
             observed = observer.update(observed, seen_now)

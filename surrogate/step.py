@@ -5,7 +5,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from surrogate.effects.apply import decided, settled, with_lane_changes, with_memories
+from surrogate.effects.apply import decided, road_demands, settled, with_lane_changes, with_memories
 from surrogate.effects.base import Moment
 from surrogate.effects.settings import Effects
 from surrogate.inflow import ArrivalDraws, Inflow, SubjectPlan, arrive, entrants
@@ -118,8 +118,8 @@ def settle_lanes(
     with jax.named_scope("lane_change"):
         place = Place(state.vehicles, world.road, state.head)
         decision = decide(place, world.classes, clock.interval_s, clock.step_s, num_tiles)
+    moment = Moment(state.vehicles, world.classes, world.seed, state.step, clock.step_s)
     if effects is not None:
-        moment = Moment(state.vehicles, world.classes, world.seed, state.step, clock.step_s)
         decision = materialise(decided(effects, decision, moment))
     vehicles = with_changes(
         state.vehicles,
@@ -155,11 +155,14 @@ def settle_lanes(
     )
     with jax.named_scope("reorder"):
         order = new_order(moves, vehicles, state.head)
+        moved_from = vehicles.row
         row = jnp.where(order.has_moved, decision.target_row, vehicles.row)
         vehicles = _look_up_lane(with_changes(vehicles, row=row), place)
+        if effects is not None:
+            vehicles = materialise(road_demands(effects, vehicles, world.road, moment))
         newcomers = candidates.vehicles
         if effects is not None:
-            vehicles = with_lane_changes(vehicles, jnp.where(order.has_moved, decision.direction, STAY))
+            vehicles = with_lane_changes(vehicles, jnp.where(order.has_moved, decision.direction, STAY), moved_from)
         vehicles = rearrange(vehicles, newcomers, order)
     if effects is not None:
         vehicles = settled(effects, Moment(vehicles, world.classes, world.seed, state.step, clock.step_s))

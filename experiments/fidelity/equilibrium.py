@@ -12,7 +12,7 @@ from experiments.fidelity.platoon import LENGTH_M, STEP_S, Platoon, in_sumo, in_
 from sim_adapters.sumo_names import attribute_values, vehicle_class
 from surrogate.car_following.base import CarFollowingModel, FollowingSituation
 from surrogate.car_following.registry import CAR_FOLLOWING_MODELS
-from surrogate.kinematics import limited_acceleration, next_speed_mps
+from surrogate.vehicle_limits import limited_acceleration, next_speed_mps
 
 DESIRED_MPS = 30.0
 NUM_VEHICLES = 20

@@ -1,5 +1,6 @@
 """Calls the effects at the places of the simulator where they act, in the order of the registry."""
 
+import dataclasses
 from typing import Any
 
 import jax
@@ -8,11 +9,13 @@ from jaxtyping import Array, Float, Int
 
 from surrogate.car_following.base import FollowingSituation
 from surrogate.car_following.habits import Habits
-from surrogate.effects.base import Arrivals, Demands, Moment, Newcomers
+from surrogate.effects.base import Arrivals, Moment, Newcomers
 from surrogate.effects.registry import EFFECTS
 from surrogate.effects.settings import Effects
-from surrogate.lane_change.base import LaneChangeDecision
-from surrogate.perception import PerceptionFrame
+from surrogate.lane_change.base import STAY, LaneChangeDecision
+from surrogate.neighbours import take
+from surrogate.perception import PerceptionFrame, in_order
+from surrogate.road import Road
 from surrogate.traffic_state import VehicleArrays, with_changes
 from surrogate.vehicle_class import CarFollowingMix, VehicleClass
 
@@ -49,11 +52,16 @@ def true_arrival(effects: Effects, gap: Float[Array, " entrance"], arrivals: Arr
     return gap
 
 
-def true_newcomers(effects: Effects, newcomers: Newcomers, seed: Int[Array, ""]) -> Newcomers:
+def true_newcomers(
+    effects: Effects, newcomers: Newcomers, classes: tuple[VehicleClass, ...], seed: Int[Array, ""]
+) -> Newcomers:
     """Return who really asks to enter."""
+    added = len(classes) - 1 - NUM_CLASSES_OF_EFFECTS
     for effect in EFFECTS:
         if effect.newcomer is not None:
+            newcomers = dataclasses.replace(newcomers, added_class=added)
             newcomers = effect.newcomer(effects.dial(effect.name), newcomers, seed)
+        added += effect.new_class is not None
     return newcomers
 
 
@@ -64,16 +72,16 @@ def with_memories(effects: Effects, vehicles: VehicleArrays, seed: Int[Array, ""
         for effect in EFFECTS
         if effect.begin is not None
     }
-    personal[LANE_CHANGE] = {"direction": jnp.zeros_like(vehicles.row)}
+    personal[LANE_CHANGE] = {"direction": jnp.zeros_like(vehicles.row), "origin_row": vehicles.row}
     return with_changes(vehicles, personal=personal)
 
 
-def demands_on(effects: Effects, demands: Demands, moment: Moment) -> Demands:
-    """Return what road and events demand of each vehicle."""
+def road_demands(effects: Effects, vehicles: VehicleArrays, road: Road, moment: Moment) -> VehicleArrays:
+    """Return the vehicles with the limits and stops that there really are; asked when lanes are decided about."""
     for effect in EFFECTS:
-        if effect.limit is not None:
-            demands = effect.limit(effects.dial(effect.name), demands, moment)
-    return demands
+        if effect.road is not None:
+            vehicles = effect.road(effects.dial(effect.name), vehicles, road, moment)
+    return vehicles
 
 
 def perceived(effects: Effects, situation: FollowingSituation, moment: Moment) -> FollowingSituation:
@@ -126,10 +134,13 @@ def decided(effects: Effects, decision: LaneChangeDecision, moment: Moment) -> L
     return decision
 
 
-def with_lane_changes(vehicles: VehicleArrays, direction: Int[Array, " vehicle"]) -> VehicleArrays:
-    """Return the vehicles, each with the direction in which it is changing lane now."""
-    personal = dict(vehicles.personal or {}) | {LANE_CHANGE: {"direction": direction}}
-    return with_changes(vehicles, personal=personal)
+def with_lane_changes(
+    vehicles: VehicleArrays, direction: Int[Array, " vehicle"], row: Int[Array, " vehicle"]
+) -> VehicleArrays:
+    """Return the vehicles, each with the direction in which it is changing lane now, and the row that it came from."""
+    personal = dict(vehicles.personal or {})
+    origin = jnp.where(direction != STAY, row, personal[LANE_CHANGE]["origin_row"])
+    return with_changes(vehicles, personal=personal | {LANE_CHANGE: {"direction": direction, "origin_row": origin}})
 
 
 def settled(effects: Effects, moment: Moment) -> VehicleArrays:
@@ -140,6 +151,19 @@ def settled(effects: Effects, moment: Moment) -> VehicleArrays:
         if effect.settle is not None:
             personal[effect.name] = effect.settle(effects.dial(effect.name), moment, direction)
     return with_changes(moment.vehicles, personal=personal)
+
+
+def appeared(
+    effects: Effects, frame: PerceptionFrame, vehicles: VehicleArrays, entry: Int[Array, " object"]
+) -> PerceptionFrame:
+    """Return the objects of a frame as the vehicles stand between their lanes; `entry` is that of each object."""
+    personal = vehicles.personal or {}
+    for effect in EFFECTS:
+        if effect.appear is not None:
+            own = dict(personal.get(effect.name, {})) | {"origin_row": personal[LANE_CHANGE]["origin_row"]}
+            memory = {name: take(values, entry) for name, values in own.items()}
+            frame = effect.appear(effects.dial(effect.name), frame, memory)
+    return frame
 
 
 def start_of_sensing(frame: PerceptionFrame) -> SensorMemory:
@@ -157,7 +181,10 @@ def sensed(
             frame, after = effect.sense(effects.dial(effect.name), frame, memory.get(effect.name, {}), seed)
             if effect.watch is not None:
                 memory[effect.name] = after
-    return frame, memory
+    names = [effect.name for effect in EFFECTS if effect.sense is not None or effect.appear is not None]
+    is_disturbed = jnp.any(jnp.stack([effects.dial(name).is_on for name in names]))
+    ordered_frame = in_order(frame)
+    return jax.tree.map(lambda new, old: jnp.where(is_disturbed, new, old), ordered_frame, frame), memory
 
 
 def sense_drive(frames: PerceptionFrame, effects: Effects, seed: Int[Array, ""]) -> PerceptionFrame:

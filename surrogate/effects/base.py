@@ -130,22 +130,6 @@ class Moment(eqx.Module):
         return self.vehicles.personal[effect]
 
 
-class Demands(eqx.Module):
-    """What the road demands of each vehicle.
-
-    Attributes:
-        desired_speed_mps: speed wanted here.
-        slow_position_m: where a lower limit begins; inf where there is none.
-        slow_limit_mps: that limit.
-        stop_position_m: where the vehicle must stand; inf where it need not.
-    """
-
-    desired_speed_mps: Value
-    slow_position_m: Value
-    slow_limit_mps: Value
-    stop_position_m: Value
-
-
 class Newcomers(eqx.Module):
     """Drivers who ask to enter.
 
@@ -154,12 +138,14 @@ class Newcomers(eqx.Module):
         vehicle_class: class.
         speed_factor: desired speed over the limit.
         is_subject: which is the subject vehicle.
+        added_class: number of the class that the effect has added, if it adds one.
     """
 
     identity: Int[Array, "entrance rank"]
     vehicle_class: Int[Array, "entrance rank"]
     speed_factor: Float[Array, "entrance rank"]
     is_subject: Bool[Array, "entrance rank"]
+    added_class: int = eqx.field(static=True, default=-1)
 
 
 class Arrivals(eqx.Module):
@@ -212,7 +198,7 @@ class Effect:
         behaviour: (dial, VehicleClass of human drivers) -> VehicleClass.
         new_class: (dial, VehicleClass) -> a class of vehicles that the effect adds, made from that of most vehicles.
         begin: (dial, VehicleArrays, seed) -> memory of vehicles that enter.
-        limit: (dial, Demands, Moment) -> Demands.
+        road: (dial, VehicleArrays, Road, Moment) -> VehicleArrays, whose limits and stops are those of the road.
         perceive: (dial, FollowingSituation, Moment) -> FollowingSituation.
         adapt: (dial, Habits, Moment) -> Habits.
         command: (dial, acceleration, desired speed, CarFollowingMix, Moment) -> acceleration that the driver orders.
@@ -220,7 +206,8 @@ class Effect:
         remember: (dial, Moment after the step, acceleration ordered) -> memory.
         decide: (dial, LaneChangeDecision, Moment) -> LaneChangeDecision.
         settle: (dial, Moment after the decision, direction in which each vehicle has just changed) -> memory.
-        appear: (dial, PerceptionFrame, memory of the vehicle at each object, lane width) -> PerceptionFrame.
+        appear: (dial, PerceptionFrame, memory of the vehicle at each object) -> PerceptionFrame; that memory also has
+            `origin_row`, the row that the vehicle was in before it last changed.
         watch: (PerceptionFrame) -> memory before the first frame.
         sense: (dial, PerceptionFrame, memory, seed) -> PerceptionFrame, memory.
     """
@@ -247,7 +234,7 @@ class Effect:
     behaviour: Hook = None
     new_class: Hook = None
     begin: Hook = None
-    limit: Hook = None
+    road: Hook = None
     perceive: Hook = None
     adapt: Hook = None
     command: Hook = None

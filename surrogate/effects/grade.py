@@ -23,7 +23,10 @@ GRADE = Effect(
     medium=0.02,
     strong=0.04,
     acts_on=ActsOn.ROAD,
-    source="a - g sin(slope), Treiber & Kesting (2013), Traffic Flow Dynamics; incomplete compensation: Goni-Ros et al.",
+    source=(
+        "a - g sin(slope), Treiber & Kesting (2013), Traffic Flow Dynamics; incomplete compensation: Goni-Ros et al. "
+        "The subject vehicle's speed control makes up for it"
+    ),
     has_place=True,
     is_signed=True,
     actuate=_actuate,

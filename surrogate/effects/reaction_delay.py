@@ -41,6 +41,11 @@ def held(acceleration: Value, last_order: Value, interval_s: Value, desired_mps:
     return jnp.where(acts_now(interval_s, moment), fresh, last_order)
 
 
+def last_order_mps2(moment: Moment) -> Value:
+    """Return the acceleration that each driver, or the subject vehicle, ordered last."""
+    return moment.memory(NAME)["order_mps2"]
+
+
 def _begin(dial: Dial, vehicles: VehicleArrays, seed: Array) -> Memory:
     del dial, seed
     return {"order_mps2": jnp.zeros_like(vehicles.speed_mps)}
@@ -49,7 +54,7 @@ def _begin(dial: Dial, vehicles: VehicleArrays, seed: Array) -> Memory:
 def _command(dial: Dial, acceleration: Value, desired_mps: Value, model: CarFollowingMix, moment: Moment) -> Value:
     del model
     interval_s = jnp.where(moment.is_background, dial.strength, 0.0)
-    return held(acceleration, moment.memory(NAME)["order_mps2"], interval_s, desired_mps, moment)
+    return held(acceleration, last_order_mps2(moment), interval_s, desired_mps, moment)
 
 
 def _remember(dial: Dial, moment: Moment, order_mps2: Value) -> Memory:

@@ -31,7 +31,6 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from surrogate.car_following.base import FollowingSituation
-from surrogate.kinematics import limited_acceleration
 from surrogate.lane_change.base import LaneChangeModel, Reason, Side
 from surrogate.lane_change.cooperation import NO_ADVICE
 from surrogate.lane_change.gap_acceptance import Blocked, Ego, Following
@@ -41,6 +40,7 @@ from surrogate.lane_change.strategy import Strategy
 from surrogate.neighbours import shift_up
 from surrogate.traffic_state import HEAD, VehicleArrays
 from surrogate.vehicle_class import CarFollowingMix, VehicleClass, select_record
+from surrogate.vehicle_limits import limited_acceleration
 
 Value = Float[Array, " vehicle"]
 Flag = Bool[Array, " vehicle"]

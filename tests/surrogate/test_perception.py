@@ -27,7 +27,7 @@ def world(corridor_world: Callable[..., World]) -> World:
 def frames(world: World, drive_on: Callable[[World, int], list[TrafficState]]) -> Frames:
     """A frame for each second; numbers given to vehicles are carried on by their identity."""
     sensor = Sensor(jnp.asarray(AHEAD_M, jnp.float32), jnp.asarray(BEHIND_M, jnp.float32), objects_per_row=24)
-    look = jax.jit(lambda state, time_s: perceive(state, world.road, sensor, SUBJECT_CLASS, time_s))
+    look = jax.jit(lambda state, time_s: perceive(state, world.road, sensor, SUBJECT_CLASS, time_s)[:2])
     track_of: dict[int, int] = {}
     num_tracks, seen = 0, []
     for second, state in enumerate(drive_on(world, 130)):

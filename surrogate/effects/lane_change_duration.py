@@ -1,0 +1,75 @@
+"""A lane change takes time: the vehicle crosses slowly, and begins no other change before it is over."""
+
+import dataclasses
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+from surrogate.effects.base import ActsOn, Dial, Effect, Memory, Moment
+from surrogate.lane_change.base import STAY, LaneChangeDecision
+from surrogate.perception import PerceptionFrame
+from surrogate.traffic_state import VehicleArrays
+
+NAME = "lane_change_duration"
+LANE_WIDTH_M = 3.5
+Value = Float[Array, " vehicle"]
+
+
+def _begin(dial: Dial, vehicles: VehicleArrays, seed: Array) -> Memory:
+    del dial, seed
+    return {"remaining_s": jnp.zeros_like(vehicles.speed_mps), "direction": jnp.zeros_like(vehicles.row)}
+
+
+def _decide(dial: Dial, decision: LaneChangeDecision, moment: Moment) -> LaneChangeDecision:
+    """Let nobody begin a change in the midst of one."""
+    del dial
+    is_busy = moment.memory(NAME)["remaining_s"] > 0.0
+    return dataclasses.replace(decision, direction=jnp.where(is_busy, STAY, decision.direction).astype(jnp.int32))
+
+
+def _settle(dial: Dial, moment: Moment, direction: Int[Array, " vehicle"]) -> Memory:
+    memory, begins = moment.memory(NAME), direction != STAY
+    return {
+        "remaining_s": jnp.where(begins, dial.strength, memory["remaining_s"]),
+        "direction": jnp.where(begins, direction, memory["direction"]),
+    }
+
+
+def _remember(dial: Dial, moment: Moment, order_mps2: Value) -> Memory:
+    del dial, order_mps2
+    memory = moment.memory(NAME)
+    return memory | {"remaining_s": jnp.maximum(memory["remaining_s"] - moment.step_s, 0.0)}
+
+
+def _appear(dial: Dial, frame: PerceptionFrame, memory: Memory) -> PerceptionFrame:
+    """Return the frame with objects on their way between two lanes, each in the lane where most of it is."""
+    left = memory["remaining_s"] / jnp.maximum(dial.strength, 1e-3)
+    is_moving = frame.object_valid & (left > 0.0)
+    direction = memory["direction"]
+    lateral = -direction.astype(left.dtype) * left * LANE_WIDTH_M
+    is_before = is_moving & (left > 0.5)
+    lateral = jnp.where(is_before, lateral + direction.astype(left.dtype) * LANE_WIDTH_M, lateral)
+    row = jnp.where(is_before, memory["origin_row"], frame.object_row)
+    return dataclasses.replace(
+        frame, object_row=row, object_lateral_m=jnp.where(is_moving, lateral, frame.object_lateral_m)
+    )
+
+
+LANE_CHANGE_DURATION = Effect(
+    name=NAME,
+    title="lane changes take time",
+    unit="s from the centre of one lane to that of the next",
+    weak=2.0,
+    medium=4.0,
+    strong=6.0,
+    acts_on=ActsOn.ACTUATION,
+    source=(
+        "5 to 6 s on average: Toledo & Zohar (2007); SUMO's lanechange.duration. Deviation: the vehicle stands in the "
+        "new lane's order from the beginning, and in the old one's no longer"
+    ),
+    begin=_begin,
+    decide=_decide,
+    settle=_settle,
+    remember=_remember,
+    appear=_appear,
+)
