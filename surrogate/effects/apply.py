@@ -182,6 +182,8 @@ def sensed(
             if effect.watch is not None:
                 memory[effect.name] = after
     names = [effect.name for effect in EFFECTS if effect.sense is not None or effect.appear is not None]
+    if not names:
+        return frame, memory
     is_disturbed = jnp.any(jnp.stack([effects.dial(name).is_on for name in names]))
     ordered_frame = in_order(frame)
     return jax.tree.map(lambda new, old: jnp.where(is_disturbed, new, old), ordered_frame, frame), memory

@@ -12,7 +12,8 @@ from surrogate.traffic_state import VehicleArrays, with_changes
 from surrogate.vehicle_class import select_by_class
 
 NAME = "blockage"
-CALLED_BEFORE_S = 6.0  # the vehicle that is to stop is chosen so much earlier, since it must still come to a standstill
+# the vehicle that is to stop is chosen earlier: it must still come to a standstill
+CALLED_BEFORE_S = 10.0
 SPARE_M = 5.0
 
 

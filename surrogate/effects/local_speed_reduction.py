@@ -6,6 +6,8 @@ from surrogate.effects.base import ActsOn, Dial, Effect, Moment
 from surrogate.road import Road
 from surrogate.traffic_state import VehicleArrays, with_changes
 
+ANNOUNCED_M = 200.0  # how far ahead drivers see that they must slow down
+
 
 def _road(dial: Dial, vehicles: VehicleArrays, road: Road, moment: Moment) -> VehicleArrays:
     """Lower the limit on the stretch, and announce it to those who come, as for a legal limit."""
@@ -14,7 +16,10 @@ def _road(dial: Dial, vehicles: VehicleArrays, road: Road, moment: Moment) -> Ve
     share = 1.0 - dial.strength
     is_there = dial.covers(position, moment.time_s)
     lower = vehicles.speed_limit_mps * share
-    comes = dial.is_on & (position < dial.route_from_m) & (dial.route_from_m < vehicles.slow_position_m)
+    announced_m = dial.route_from_m - position
+    comes = (
+        dial.is_on & (announced_m > 0.0) & (announced_m < ANNOUNCED_M) & (dial.route_from_m < vehicles.slow_position_m)
+    )
     comes &= lower < vehicles.speed_limit_mps
     return with_changes(
         vehicles,
