@@ -122,6 +122,15 @@ def fit_following(
     return 0
 
 
+@app.command
+def effects() -> int:
+    """List the effects that a simulation may lack: where each acts, its unit, range of strength and source."""
+    from jaxcalib.effect_list import print_effects
+
+    print_effects()
+    return 0
+
+
 def main() -> None:
     """Run the command line."""
     sys.exit(app())

@@ -37,7 +37,7 @@ def _remember(dial: Dial, moment: Moment, order_mps2: Value) -> Memory:
 MEMORY = Effect(
     name=NAME,
     title="larger gaps after slow traffic has lasted",
-    unit="largest factor on the time gap, less 1",
+    unit="largest factor on the time gap, 1 = none",
     weak=0.2,
     medium=0.5,
     strong=0.8,
