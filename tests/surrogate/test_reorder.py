@@ -70,7 +70,7 @@ def random_scene(rng: np.random.Generator, num_vehicles: int) -> Scene:
 
 def as_arrays(scene: Scene) -> tuple[VehicleArrays, VehicleArrays, Moves]:
     head, entry_of = scene.head, scene.entry_of()
-    vehicles = {name: np.array(leaf) for name, leaf in vars(empty_vehicles(NUM_ROWS, CAPACITY)).items()}
+    vehicles = _columns(empty_vehicles(NUM_ROWS, CAPACITY))
     vehicles["row"][:] = NUM_ROWS
     vehicles["position_m"][:] = -np.inf
     vehicles["vehicle_class"][:] = EMPTY
@@ -85,7 +85,7 @@ def as_arrays(scene: Scene) -> tuple[VehicleArrays, VehicleArrays, Moves]:
         ahead[entry] = scene.ahead(target, vehicle.position_m) if changes[entry] else 7  # ignored where nobody changes
         for name, value in properties(vehicle).items():
             vehicles[name][entry] = value
-    newcomers = {name: np.array(leaf) for name, leaf in vars(empty_vehicles(1, ENTRANT_ROWS.size)).items()}
+    newcomers = _columns(empty_vehicles(1, ENTRANT_ROWS.size))
     for place, vehicle in enumerate(v for lanes in scene.entrants for v in lanes):
         for name, value in properties(vehicle).items():
             newcomers[name][place] = value
@@ -114,8 +114,14 @@ def properties(vehicle: Vehicle) -> dict[str, float]:
     }
 
 
+def _columns(vehicles: VehicleArrays) -> dict[str, np.ndarray]:
+    return {name: np.array(leaf) for name, leaf in vars(vehicles).items() if name != "personal"}
+
+
 def _arrays(fields: dict[str, np.ndarray]) -> VehicleArrays:
-    return VehicleArrays(**{name: jnp.asarray(leaf) for name, leaf in fields.items()})
+    """Return the vehicles, with a memory of an effect that tells whose it is."""
+    personal = {"an_effect": {"of_whom": jnp.asarray(2.5 * fields["identity"], jnp.float32)}}
+    return VehicleArrays(**{name: jnp.asarray(leaf) for name, leaf in fields.items()}, personal=personal)
 
 
 def expected(scene: Scene) -> tuple[list[list[Vehicle]], set[int], np.ndarray, int]:
@@ -168,7 +174,9 @@ def run(scene: Scene) -> tuple[Order, dict[str, np.ndarray]]:
     for identity, row in scene.target_row.items():
         target_row[entry_of[identity]] = row
     order, arranged = carried_out(vehicles, newcomers, moves, jnp.asarray(scene.head, jnp.int32), target_row)
-    return order, {name: np.asarray(leaf) for name, leaf in vars(arranged).items()}
+    assert arranged.personal is not None
+    np.testing.assert_array_equal(arranged.personal["an_effect"]["of_whom"], 2.5 * np.asarray(arranged.identity))
+    return order, _columns(arranged)
 
 
 SCENES = [
