@@ -96,6 +96,7 @@ class JaxSimulator:
             capacity=self._capacity,
             runs_per_device=self._batch // self._mesh.size,
             frame_interval_s=self._steps_per_frame * self._clock.step_s,
+            most_overfull_share=self._most_overfull_share,
             has_effects=True,
         )
 

@@ -28,6 +28,7 @@ def move(
     step: Int[Array, ""],
     step_s: float,
     effects: Effects | None = None,
+    second: Neighbour | None = None,
 ) -> tuple[VehicleArrays, Bool[Array, " vehicle"]]:
     """Return the vehicles one step later, and which overlap their leader.
 
@@ -40,6 +41,7 @@ def move(
         step: number of this step.
         step_s: its length.
         effects: what the baseline lacks; None for the baseline.
+        second: leader of each leader; effects ask for it.
 
     Source: SUMO's semi-implicit Euler update, `MSCFModel::finalizeSpeed` and `MSLCM_LC2013::_patchSpeed`: the speed
     changes first, within [v - emergency deceleration, v + max acceleration] and up to the desired speed, then the
@@ -60,7 +62,7 @@ def move(
         desired_speed_mps=desired_mps,
         uniform=_random(vehicles, classes, seed, step),
     )
-    moment, habits = Moment(vehicles, classes, seed, step, step_s), None
+    moment, habits = Moment(vehicles, classes, seed, step, step_s, second), None
     if effects is not None:
         situation, habits = materialise((perceived(effects, situation, moment), habits_of(effects, moment)))
     model = CarFollowingMix(tuple(c.car_following for c in classes), vehicles.vehicle_class, habits)

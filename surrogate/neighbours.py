@@ -4,6 +4,8 @@ In the own row the leader is the entry before; in another row a binary search ov
 is exact, keeps no pointers that could go stale, and costs a gather per halving (2 ns each on one core, measured).
 """
 
+import dataclasses
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -102,6 +104,20 @@ def shift_down(values: Array, first: float) -> Array:
 def shift_up(values: Array, last: float) -> Array:
     """Return the value of the entry after each entry, `last` for the very last."""
     return jnp.concatenate([values[1:], jnp.full((1,), last, values.dtype)])
+
+
+def second_leader(leader: Neighbour) -> Neighbour:
+    """Return the leader of each vehicle's leader in its own row, given the leaders of all."""
+    before = Neighbour(
+        entry=shift_down(leader.entry, 0),
+        exists=shift_down(leader.exists, False),
+        position_m=shift_down(leader.position_m, jnp.inf),
+        speed_mps=shift_down(leader.speed_mps, 0.0),
+        acceleration_mps2=shift_down(leader.acceleration_mps2, 0.0),
+        vehicle_class=shift_down(leader.vehicle_class, -1),
+    )
+    # behind a head, what is before belongs to another row
+    return dataclasses.replace(before, exists=leader.exists & before.exists)
 
 
 def own_leader(vehicles: VehicleArrays) -> Neighbour:

@@ -15,7 +15,7 @@ from surrogate.lane_change.decide import decide
 from surrogate.lane_change.lc2013 import Lc2013
 from surrogate.lane_change.surroundings import Place
 from surrogate.materialise import materialise
-from surrogate.neighbours import own_leader
+from surrogate.neighbours import own_leader, second_leader
 from surrogate.reorder import Moves, new_order, rearrange
 from surrogate.road import Road
 from surrogate.tiles import Tile, all_tiles, for_each_tile
@@ -208,6 +208,7 @@ def move_on(
     def one_step(_: int, carry: tuple[_Motion, Array, Array]) -> tuple[_Motion, Array, Array]:
         motion, step, num_collisions = carry
         leader = materialise(own_leader(motion.of(state.vehicles)))
+        second = None if world.effects is None else materialise(second_leader(leader))
 
         def one_tile(tile: Tile, carry: tuple[_Motion, Array]) -> tuple[_Motion, Array]:
             motion, num_collisions = carry
@@ -215,7 +216,15 @@ def move_on(
             vehicles = before.of(tile(state.vehicles))
             cooperative_speed = select_by_class(cooperative, vehicles.vehicle_class)
             after, has_collided = move(
-                vehicles, tile(leader), world.classes, cooperative_speed, world.seed, step, step_s, world.effects
+                vehicles,
+                tile(leader),
+                world.classes,
+                cooperative_speed,
+                world.seed,
+                step,
+                step_s,
+                world.effects,
+                tile(second),
             )
             after = jax.tree.map(lambda new, old: jnp.where(tile.is_new, new, old), _Motion.from_(after), before)
             return tile.write(motion, after), num_collisions + jnp.sum(has_collided & tile.is_new)

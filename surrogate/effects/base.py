@@ -14,6 +14,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from surrogate.neighbours import Neighbour
 from surrogate.traffic_state import VehicleArrays
 from surrogate.vehicle_class import VehicleClass
 
@@ -101,6 +102,7 @@ class Moment(eqx.Module):
         seed: seed of the run.
         step: number of the step.
         step_s: its length.
+        second_leader: the leader of each vehicle's leader; None where vehicles do not move.
     """
 
     vehicles: VehicleArrays
@@ -108,6 +110,7 @@ class Moment(eqx.Module):
     seed: Int[Array, ""]
     step: Int[Array, ""]
     step_s: float = eqx.field(static=True)
+    second_leader: Neighbour | None = None
 
     @property
     def time_s(self) -> Float[Array, ""]:

@@ -5,20 +5,16 @@ import jax.numpy as jnp
 
 from surrogate.car_following.base import FollowingSituation
 from surrogate.effects.base import ActsOn, Dial, Effect, Moment
-from surrogate.neighbours import shift_down
 
 LOOK_AHEAD_M = 150.0
 
 
 def _perceive(dial: Dial, situation: FollowingSituation, moment: Moment) -> FollowingSituation:
-    vehicles = moment.vehicles
-    first, second = shift_down(vehicles.vehicle_class, -1), shift_down(shift_down(vehicles.vehicle_class, -1), -1)
-    position = shift_down(shift_down(vehicles.position_m, jnp.inf), jnp.inf)
-    speed = shift_down(shift_down(vehicles.speed_mps, 0.0), 0.0)
-    # a head in between opens the row, and what is before it belongs to another
-    is_seen = (first >= 0) & (second >= 0) & (position - vehicles.position_m <= LOOK_AHEAD_M) & moment.is_background
-    share = jnp.where(is_seen, dial.strength, 0.0)
-    mixed = situation.leader_speed_mps + share * (speed - situation.leader_speed_mps)
+    second = moment.second_leader
+    assert second is not None
+    is_near = second.position_m - moment.vehicles.position_m <= LOOK_AHEAD_M
+    share = jnp.where(second.exists & is_near & moment.is_background, dial.strength, 0.0)
+    mixed = situation.leader_speed_mps + share * (second.speed_mps - situation.leader_speed_mps)
     return eqx.tree_at(lambda s: s.leader_speed_mps, situation, mixed)
 
 

@@ -15,6 +15,7 @@ from surrogate.effects.base import EffectSetting, Moment
 from surrogate.effects.settings import Effects, settings_table
 from surrogate.kinematics import move
 from surrogate.lane_change.lc2013 import Lc2013
+from surrogate.neighbours import own_leader, second_leader
 from surrogate.perception import NO_TRACK, PerceptionFrame
 from surrogate.traffic_state import HEAD, VehicleArrays, empty_vehicles, with_changes
 from surrogate.vehicle_class import VehicleClass
@@ -69,7 +70,9 @@ def _drive(vehicles: VehicleArrays, effects: Effects, num_steps: int) -> Vehicle
     one = jnp.ones(vehicles.row.shape)
 
     def step(vehicles: VehicleArrays, number: Array) -> tuple[VehicleArrays, VehicleArrays]:
-        moved, _ = move(vehicles, classes, one, jnp.asarray(SEED), number, STEP_S, effects)
+        leader = own_leader(vehicles)
+        second = second_leader(leader)
+        moved, _ = move(vehicles, leader, classes, one, jnp.asarray(SEED), number, STEP_S, effects, second)
         return moved, moved
 
     return jax.lax.scan(step, vehicles, jnp.arange(num_steps))[1]
