@@ -16,7 +16,9 @@ from rich.table import Table
 
 from experiments.fidelity.equilibrium import MOST_DIFFERENCE, NO_EQUILIBRIUM, closed_form_table, sumo_table
 from experiments.fidelity.insertion import insertion_table
+from experiments.fidelity.lane_changes import ALWAYS, lane_change_table
 from experiments.fidelity.parity import MOST_DIFFERENCE_M, SUMO_MODELS, parity_table
+from experiments.fidelity.roc_figure import write_roc_figure
 from experiments.fidelity.transfer import Transfer, cases_of, run_cases, transfer_of
 from jaxcalib.engines import prepare_devices
 from jaxcalib.problem import CalibrationProblem, read_problem
@@ -63,6 +65,14 @@ def fidelity(
         _show_parity(console, rows)
     else:
         console.print(f"Left out: car-following parity, for {data / 'car_following'} is not there.")
+    if (data / "freeway").is_dir():
+        tables["lane_changes"] = rows = lane_change_table(data)
+        _show_lane_changes(console, rows)
+        figure = out.with_name(f"{out.stem}_lane_changes.svg")
+        write_roc_figure(rows, figure)
+        console.print(f"written: {figure}")
+    else:
+        console.print(f"Left out: real lane changes, for {data / 'freeway'} is not there.")
     _equilibrium(console, tables)
     if runs:
         problem = read_problem(case)
@@ -83,6 +93,23 @@ def _show_parity(console: Console, rows: list[dict]) -> None:
             verdict = "yes" if found[-1] <= MOST_DIFFERENCE_M else "no"
             middle, largest = f"{found[len(found) // 2]:.2g}", f"{found[-1]:.2g}"
             shown.add_row(model, str(len(found)), precision, middle, largest, verdict)
+    console.print(shown)
+
+
+def _show_lane_changes(console: Console, rows: list[dict]) -> None:
+    headings = (
+        "rule", "accuracy", "balanced accuracy", "area under ROC", "log loss", "fitted on the other site",
+        "better than always",
+    )  # fmt: skip
+    shown = _table(f"{rows[0]['num_decisions']} recorded lane-change decisions: gap taken or let pass", headings)
+    for row in rows:
+        low, high = row["roc_area_interval"]
+        fitted = f"{row['fitted_balanced_accuracy']:.3f}" if row.get("parameter") else ""
+        verdict = "" if row["rule"] == ALWAYS else "yes" if low > 0.5 else "no"
+        shown.add_row(
+            row["rule"], f"{row['accuracy']:.1%}", f"{row['balanced_accuracy']:.3f}",
+            f"{row['roc_area']:.3f} ({low:.3f} to {high:.3f})", f"{row['log_loss']:.3f}", fitted, verdict,
+        )  # fmt: skip
     console.print(shown)
 
 
