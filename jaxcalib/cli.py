@@ -107,7 +107,8 @@ def fit_following(
     from jaxcalib.pair_fitting.recorded_pairs import read_pairs
     from jaxcalib.pair_fitting.study import study_pairs
     from jaxcalib.pair_fitting.terminal import pair_progress, print_summary
-    from surrogate.car_following.registry import UnknownModelError, car_following_model
+    from surrogate.car_following.registry import car_following_model
+    from surrogate.model_entry import UnknownModelError
 
     try:
         entry = car_following_model(model)

@@ -19,7 +19,8 @@ from scipy.optimize import differential_evolution
 from jaxcalib.pair_fitting.batch import Bounds, PairBatch, bounds_of, misfit, pair_batch
 from jaxcalib.pair_fitting.fit import fit_pairs, mixed_errors
 from jaxcalib.pair_fitting.recorded_pairs import RecordedPair, read_pairs
-from surrogate.car_following.registry import ModelEntry, car_following_model
+from surrogate.car_following.registry import car_following_model
+from surrogate.model_entry import ModelEntry
 
 DATA_SETS = ("openacc_astazero", "openacc_zalazone", "ngsim_i80_human_pairs")
 WORST = 1e6  # misfit of what is no number

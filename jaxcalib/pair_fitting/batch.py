@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxcalib.pair_fitting.recorded_pairs import STEP_S, RecordedPair
-from surrogate.car_following.registry import ModelEntry
+from surrogate.model_entry import ModelEntry
 from surrogate.replay import LeaderMotion, ReplayState, follow
 
 DESIRED_SPEED = "desired_speed_mps"

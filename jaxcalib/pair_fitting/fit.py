@@ -18,7 +18,7 @@ from scipy.stats.qmc import Sobol
 
 from jaxcalib.pair_fitting.batch import Bounds, PairBatch, bounds_of, misfit, pair_batch, residuals
 from jaxcalib.pair_fitting.recorded_pairs import RecordedPair
-from surrogate.car_following.registry import ModelEntry
+from surrogate.model_entry import ModelEntry
 
 NUM_SCREENED = 64
 NUM_STARTS = 4

@@ -4,13 +4,6 @@ To add a model: write its file, enter it here; every law test then runs for it, 
 Ranges are those that calibrations of the model use; a calibration of a SUMO case has its own, in SUMO's names.
 """
 
-import dataclasses
-import math
-from collections.abc import Mapping
-from typing import Any
-
-import jax.numpy as jnp
-
 from surrogate.car_following.asymmetric_optimal_velocity import AsymmetricOptimalVelocity
 from surrogate.car_following.base import CarFollowingModel
 from surrogate.car_following.full_velocity_difference import FullVelocityDifference
@@ -21,87 +14,16 @@ from surrogate.car_following.improved_idm import ImprovedIdm
 from surrogate.car_following.krauss import Krauss
 from surrogate.car_following.wiedemann99 import Wiedemann99Sumo
 from surrogate.car_following.wiedemann99_vissim import Wiedemann99Vissim
+from surrogate.model_entry import ModelEntry, Parameter, find
 
 
-class UnknownModelError(ValueError):
-    """There is no such model, or it has no such parameter; the message lists the known ones."""
-
-
-class ParameterRangeError(ValueError):
-    """A parameter is not finite or outside its range."""
-
-
-@dataclasses.dataclass(frozen=True)
-class Parameter:
-    """A parameter of a model.
-
-    Attributes:
-        name: field of the model, with its unit.
-        usual: value to begin with.
-        lower: least value.
-        upper: greatest value.
-    """
-
-    name: str
-    usual: float
-    lower: float
-    upper: float
-
-
-@dataclasses.dataclass(frozen=True, eq=False)  # compared and hashed by identity, so that programs may depend on it
-class ModelEntry:
-    """A model of the registry.
-
-    Attributes:
-        name: by which users call it.
-        description: one line.
-        model: its class.
-        parameters: what may be fitted.
-        fixed: the other fields.
-    """
-
-    name: str
-    description: str
-    model: type[CarFollowingModel]
-    parameters: tuple[Parameter, ...]
-    fixed: Mapping[str, float]
-
-    def build(self, values: Mapping[str, Any] | None = None) -> CarFollowingModel:
-        """Return the model, usual values where none is given; works on traced values.
-
-        Raises:
-            UnknownModelError: a parameter does not exist.
-            ParameterRangeError: a number is not finite or outside its range.
-        """
-        values = values or {}
-        known = {one.name: one for one in self.parameters}
-        for name, value in values.items():
-            if name not in known:
-                raise UnknownModelError(f"{self.name} has no parameter '{name}'; it has {', '.join(known)}.")
-            if isinstance(value, int | float):
-                _check(self.name, known[name], float(value))
-        numbers = {**self.fixed, **{one.name: one.usual for one in self.parameters}, **values}
-        return self.model(**{name: jnp.asarray(value) for name, value in numbers.items()})
-
-
-def car_following_model(name: str) -> ModelEntry:
+def car_following_model(name: str) -> ModelEntry[CarFollowingModel]:
     """Return a model of the registry.
 
     Raises:
         UnknownModelError: there is no such model.
     """
-    for entry in CAR_FOLLOWING_MODELS:
-        if entry.name == name.lower():
-            return entry
-    known = ", ".join(entry.name for entry in CAR_FOLLOWING_MODELS)
-    raise UnknownModelError(f"there is no car-following model '{name}'; known are {known}.")
-
-
-def _check(model: str, parameter: Parameter, value: float) -> None:
-    if not math.isfinite(value) or not parameter.lower <= value <= parameter.upper:
-        raise ParameterRangeError(
-            f"{model}: {parameter.name} is {value:g}; expected {parameter.lower:g} to {parameter.upper:g}."
-        )
+    return find(CAR_FOLLOWING_MODELS, name, "car-following")
 
 
 _EMERGENCY = {"emergency_deceleration_mps2": 9.0}
@@ -124,7 +46,7 @@ _W99 = (
     Parameter("cc9_acceleration_at_80kmh_mps2", 1.5, 0.3, 3.0),
 )
 
-CAR_FOLLOWING_MODELS: tuple[ModelEntry, ...] = (
+CAR_FOLLOWING_MODELS: tuple[ModelEntry[CarFollowingModel], ...] = (
     ModelEntry(
         "idm", "intelligent driver model", Idm,
         (*_BASIC, Parameter("acceleration_exponent", 4.0, 1.0, 10.0)), _EMERGENCY,

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from surrogate.car_following.base import CarFollowingModel, FollowingSituation
-from surrogate.car_following.registry import CAR_FOLLOWING_MODELS, ModelEntry
+from surrogate.car_following.registry import CAR_FOLLOWING_MODELS
+from surrogate.model_entry import ModelEntry
 from surrogate.replay import ReplayStart, ReplayState, replay
 
 STEP_S = 0.1

@@ -5,7 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from surrogate.car_following.registry import CAR_FOLLOWING_MODELS, ModelEntry
+from surrogate.car_following.registry import CAR_FOLLOWING_MODELS
+from surrogate.model_entry import ModelEntry
 from surrogate.replay import ReplayStart, replay
 
 STEP_S = 0.1
