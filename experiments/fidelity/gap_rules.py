@@ -7,6 +7,7 @@ gone is his *margin*: how good the gap is in the eyes of the model, from which i
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import equinox as eqx
@@ -18,10 +19,12 @@ from jaxtyping import Array, Bool, Float
 from experiments.fidelity.recorded_decisions import RecordedDecisions, situations
 from sim_adapters.sumo_names import attribute_values, vehicle_class
 from surrogate.car_following.registry import car_following_model
-from surrogate.lane_change.base import Side
+from surrogate.lane_change.base import LaneChangeModel, Side
 from surrogate.lane_change.gap_acceptance import Ego, Following, blocked
 from surrogate.lane_change.lc2013 import Lc2013
 from surrogate.lane_change.mobil import Appraisal, Mobil, OldFollower, appraise
+from surrogate.lane_change.registry import lane_change_model
+from surrogate.lane_change.vissim import Vissim
 from surrogate.vehicle_class import VehicleClass
 
 STEP_S = 0.1
@@ -70,7 +73,8 @@ def gap_rules() -> tuple[GapRule, ...]:
 
     LC2013: SUMO's defaults of a passenger car. MOBIL: a_th and b_safe of its paper, IDM as in the registry; nobody is
     known to follow in the own lane, so politeness is 0. Its safety criterion looks at the new follower only; the whole
-    model also at what the driver himself gains.
+    model also at what the driver himself gains. VISSIM: its defaults, W99 as in the registry; its rule for a free
+    change, and for a necessary one at the last place for it, where most braking is accepted.
     """
     shares = np.geomspace(MOST_SHARE, 1.0 / MOST_SHARE, NUM_LEVELS)
     secure = tuple(
@@ -84,15 +88,10 @@ def gap_rules() -> tuple[GapRule, ...]:
         )
         for model in ("Krauss", "IDM", "W99")
     )
-    one = jnp.ones(())
-    mobil = Mobil(
-        politeness=jnp.zeros(()), safe_deceleration_mps2=4.0 * one, changing_threshold_mps2=0.1 * one,
-        keep_right_bias_mps2=jnp.zeros(()), european_rule=jnp.zeros(()), strategic=one, assertive=one,
-        look_ahead_left=one,
-    )  # fmt: skip
-    idm = eqx.tree_at(
-        lambda c: (c.lane_change, c.car_following), secure[0].drivers, (mobil, car_following_model("idm").build())
-    )
+    passenger = secure[0].drivers
+    mobil = lane_change_model("mobil").build({"politeness": 0.0, "keep_right_bias_mps2": 0.0})
+    idm = _with_models(passenger, mobil, "idm")
+    w99 = _with_models(passenger, lane_change_model("vissim").build(), "w99-vissim")
     return (
         *secure,
         GapRule(
@@ -103,7 +102,19 @@ def gap_rules() -> tuple[GapRule, ...]:
             "MOBIL, IDM", idm, "changing_threshold_mps2", lambda c: c.lane_change.changing_threshold_mps2,
             np.linspace(12.0, -12.0, NUM_LEVELS), _wants,
         ),
+        *(
+            GapRule(
+                f"VISSIM, {kind}, W99", w99, "safety_distance_factor", lambda c: c.lane_change.safety_distance_factor,
+                shares, partial(_vissim_gaps, is_necessary=kind == "necessary"),
+            )
+            for kind in ("free", "necessary")
+        ),
     )  # fmt: skip
+
+
+def _with_models(drivers: VehicleClass, lane_change: LaneChangeModel, car_following: str) -> VehicleClass:
+    models = (lane_change, car_following_model(car_following).build())
+    return eqx.tree_at(lambda c: (c.lane_change, c.car_following), drivers, models)
 
 
 def _secure_gaps(drivers: VehicleClass, ego: Ego, side: Side, following: Following) -> Array:
@@ -128,3 +139,9 @@ def _is_safe(drivers: VehicleClass, ego: Ego, side: Side, following: Following) 
 
 def _wants(drivers: VehicleClass, ego: Ego, side: Side, following: Following) -> Array:
     return _appraisal(drivers, ego, side, following).wants
+
+
+def _vissim_gaps(drivers: VehicleClass, ego: Ego, side: Side, following: Following, is_necessary: bool) -> Array:
+    assert isinstance(drivers.lane_change, Vissim)
+    here = eqx.tree_at(lambda e: e.need.remaining_m, ego, jnp.zeros_like(ego.speed_mps))
+    return ~drivers.lane_change.blocked(here, side, following, jnp.full_like(side.is_open, is_necessary)).at_all

@@ -6,7 +6,7 @@ from typing import Any
 import matplotlib as mpl
 from matplotlib.figure import Figure
 
-COLORS = ("#1f6fb4", "#6fa8d6", "#16456e", "#e08a1e", "#c0504d", "#5b8c3a", "#222222")
+COLORS = ("#1f6fb4", "#6fa8d6", "#16456e", "#e08a1e", "#c0504d", "#5b8c3a", "#9dc37f", "#222222")
 
 
 def write_roc_figure(rows: list[dict[str, Any]], path: Path) -> None:

@@ -1,6 +1,8 @@
 """What every lane-change model answers, and the surroundings it is given."""
 
+import abc
 import enum
+from typing import Any
 
 import equinox as eqx
 from jaxtyping import Array, Bool, Float, Int
@@ -19,11 +21,15 @@ class Reason(enum.IntEnum):
 
 
 class LaneChangeModel(eqx.Module):
-    """The parameters of a lane-change model; see `lc2013.py` and `mobil.py`.
+    """The parameters of a lane-change model; see `registry.py` for all of them.
 
     A record holds numbers only, one per vehicle or one for all; `lane_change.decide` asks the model that the record
-    belongs to.
+    belongs to: LC2013's, or one that replaces its free motives (`free_model.py`).
     """
+
+    @abc.abstractmethod
+    def route_parameters(self) -> Any:
+        """Return what the model takes from LC2013, as such a record."""
 
 
 class LaneChangeDecision(eqx.Module):

@@ -15,6 +15,7 @@ Deviations, each because vehicles decide together here and one after the other t
 """
 
 import equinox as eqx
+import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from surrogate.lane_change.base import LaneChangeModel
@@ -46,6 +47,26 @@ class Lc2013(LaneChangeModel):
     keep_right: Float[Array, "..."]
     assertive: Float[Array, "..."]
     look_ahead_left: Float[Array, "..."]
+
+    def route_parameters(self) -> "Lc2013":
+        """Return the record itself."""
+        return self
+
+
+def route_only(strategic: Value, assertive: Value, look_ahead_left: Value) -> Lc2013:
+    """Return a record for models whose own motives take the place of LC2013's."""
+    neutral = jnp.ones((), jnp.float32)
+    return Lc2013(
+        strategic=strategic,
+        cooperative=neutral,
+        cooperative_speed=neutral,
+        speed_gain=neutral,
+        speed_gain_right=neutral,
+        speed_gain_remain_time_s=neutral,
+        keep_right=neutral,
+        assertive=assertive,
+        look_ahead_left=look_ahead_left,
+    )
 
 
 class Memory(eqx.Module):

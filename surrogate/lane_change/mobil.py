@@ -26,20 +26,17 @@ Deviations:
 """
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float
 
 from surrogate.car_following.base import FollowingSituation
-from surrogate.lane_change.base import LaneChangeModel, Reason, Side
-from surrogate.lane_change.cooperation import NO_ADVICE
+from surrogate.lane_change.base import Reason, Side
+from surrogate.lane_change.free_model import FreeModel, Outlook, free_wish
 from surrogate.lane_change.gap_acceptance import Blocked, Ego, Following
-from surrogate.lane_change.lc2013 import Lc2013
+from surrogate.lane_change.lc2013 import Lc2013, route_only
 from surrogate.lane_change.motives import Wish
-from surrogate.lane_change.strategy import Strategy
-from surrogate.neighbours import shift_up
-from surrogate.traffic_state import HEAD, VehicleArrays
-from surrogate.vehicle_class import CarFollowingMix, VehicleClass, select_record
+from surrogate.lane_change.old_follower import OldFollower
+from surrogate.vehicle_class import CarFollowingMix
 from surrogate.vehicle_limits import limited_acceleration
 
 Value = Float[Array, " vehicle"]
@@ -47,7 +44,7 @@ Flag = Bool[Array, " vehicle"]
 CONGESTED_BELOW_MPS = 60.0 / 3.6  # v_crit
 
 
-class Mobil(LaneChangeModel):
+class Mobil(FreeModel):
     """Parameters of MOBIL.
 
     Attributes:
@@ -70,25 +67,21 @@ class Mobil(LaneChangeModel):
     assertive: Float[Array, "..."]
     look_ahead_left: Float[Array, "..."]
 
+    def route_parameters(self) -> Lc2013:
+        """Return the parameters for route and gaps as a record of LC2013."""
+        return route_only(self.strategic, self.assertive, self.look_ahead_left)
 
-class OldFollower(eqx.Module):
-    """Who follows each vehicle in its own lane.
-
-    Attributes:
-        exists: whether there is one.
-        gap_m: its gap to the vehicle less its own jam gap; inf where there is none.
-        speed_mps: its speed.
-        acceleration_mps2: its last acceleration.
-        max_speed_mps: speed that it wants.
-        vehicle_class: its class.
-    """
-
-    exists: Flag
-    gap_m: Value
-    speed_mps: Value
-    acceleration_mps2: Value
-    max_speed_mps: Value
-    vehicle_class: Int[Array, " vehicle"]
+    def wishes(
+        self, outlook: Outlook, gaps: tuple[Blocked, Blocked], is_asked_to_help: tuple[Flag, Flag]
+    ) -> tuple[Wish, Wish]:
+        """Return the wishes by (2) to (6) and by the route; nobody changes lane to make room."""
+        del is_asked_to_help
+        (wants_right, wants_left), is_for_right = _wants_by_side(self, outlook, gaps)
+        right_reason = jnp.where(is_for_right, int(Reason.KEEP_RIGHT), int(Reason.SPEED_GAIN))
+        return (
+            free_wish(outlook.routes[0], wants_right, right_reason),
+            free_wish(outlook.routes[1], wants_left, int(Reason.SPEED_GAIN)),
+        )
 
 
 class Appraisal(eqx.Module):
@@ -203,97 +196,18 @@ def _acceleration(
     )
 
 
-def old_follower_of(vehicles: VehicleArrays, following: Following, desired_mps: Value) -> OldFollower:
-    """Return who follows each vehicle in its own row: the entry after it, for each row begins with a head."""
-    vehicle_class = shift_up(vehicles.vehicle_class, HEAD)
-    exists = vehicle_class >= 0
-    rear_m = vehicles.position_m - following.length_m(vehicles.vehicle_class)
-    jam_gap_m = following.of(vehicle_class).field("jam_gap_m")
-    gap_m = rear_m - shift_up(vehicles.position_m, 0.0) - jam_gap_m
-    return OldFollower(
-        exists=exists,
-        gap_m=jnp.where(exists, gap_m, jnp.inf),
-        speed_mps=shift_up(vehicles.speed_mps, 0.0),
-        acceleration_mps2=shift_up(vehicles.acceleration_mps2, 0.0),
-        max_speed_mps=jnp.where(exists, shift_up(desired_mps, 0.0), jnp.inf),
-        vehicle_class=vehicle_class,
-    )
-
-
-def mobil_wishes(
-    wishes: tuple[Wish, Wish],
-    ego: Ego,
-    sides: tuple[Side, Side],
-    routes: tuple[Strategy, Strategy],
-    gaps: tuple[Blocked, Blocked],
-    vehicle_class: Int[Array, " vehicle"],
-    old_follower: OldFollower,
-    following: Following,
-    classes: tuple[VehicleClass, ...],
-    step_s: float,
-) -> tuple[Wish, Wish]:
-    """Return the wishes of all vehicles, to the right and to the left, with MOBIL's for those of its classes.
-
-    Args:
-        wishes: LC2013's.
-        ego: each vehicle and its own lane.
-        sides: the lanes on the right and on the left.
-        routes: what the route says of them.
-        gaps: who is in the way there.
-        vehicle_class: class of each vehicle.
-        old_follower: who follows each in its own row.
-        following: car-following models.
-        classes: vehicle classes, one of which at least has MOBIL.
-        step_s: length of a time step.
-    """
-    models = [c.lane_change for c in classes]
-    members = [index for index, model in enumerate(models) if isinstance(model, Mobil)]
-    by_class = [m if isinstance(m, Mobil) else models[members[0]] for m in models]
-    model = select_record(by_class, vehicle_class)
-    assert isinstance(model, Mobil)
-    is_mobil = jnp.isin(vehicle_class, jnp.asarray(members))
+def _wants_by_side(model: Mobil, outlook: Outlook, gaps: tuple[Blocked, Blocked]) -> tuple[tuple[Flag, Flag], Flag]:
+    """Return whether each side is worth a change, and whether that to the right is for the right alone."""
+    old_follower = outlook.old_follower
     right, left = (
-        appraise(model, ego, side, old_follower, following, is_right, step_s)
-        for side, is_right in zip(sides, (True, False), strict=True)
+        appraise(model, outlook.ego, side, old_follower, outlook.following, is_right, outlook.step_s)
+        for side, is_right in zip(outlook.sides, (True, False), strict=True)
     )
-    is_free = [s.is_open & ~r.must_change & ~r.must_stay for s, r in zip(sides, routes, strict=True)]
+    is_free = [s.is_open & ~r.must_change & ~r.must_stay for s, r in zip(outlook.sides, outlook.routes, strict=True)]
     can_right, can_left = (
         a.wants & free & ~gap.at_all for a, free, gap in zip((right, left), is_free, gaps, strict=True)
     )
     prefers_left = can_left & (left.excess_mps2 > right.excess_mps2)
     chosen = can_right & ~prefers_left, can_left & ~(can_right & ~prefers_left)
     # a change that only the bias makes worth it is one to keep right
-    is_for_right = right.excess_mps2 - right.bias_mps2 <= 0.0
-    free_reasons = jnp.where(is_for_right, int(Reason.KEEP_RIGHT), int(Reason.SPEED_GAIN)), int(Reason.SPEED_GAIN)
-    none = jnp.zeros_like(ego.speed_mps)
-
-    def merged(lc2013: Wish, route: Strategy, wants: Flag, free_reason: Int[Array, " vehicle"] | int) -> Wish:
-        own = Wish(
-            change=route.must_change | wants,
-            urgent=route.must_change,
-            reason=jnp.where(route.must_change, int(Reason.STRATEGIC), free_reason),
-            gain=none,
-            keep_right=none,
-            advice_mps2=jnp.full_like(none, NO_ADVICE),
-            reverts=jnp.zeros_like(wants),
-        )
-        return jax.tree.map(lambda mine, other: jnp.where(is_mobil, mine, other), own, lc2013)
-
-    to_right, to_left = (merged(*arguments) for arguments in zip(wishes, routes, chosen, free_reasons, strict=True))
-    return to_right, to_left
-
-
-def route_parameters(model: Mobil) -> Lc2013:
-    """Return the parameters for route and gaps as a record of LC2013, whose motives then play no part."""
-    neutral = jnp.ones((), jnp.float32)
-    return Lc2013(
-        strategic=model.strategic,
-        cooperative=neutral,
-        cooperative_speed=neutral,
-        speed_gain=neutral,
-        speed_gain_right=neutral,
-        speed_gain_remain_time_s=neutral,
-        keep_right=neutral,
-        assertive=model.assertive,
-        look_ahead_left=model.look_ahead_left,
-    )
+    return chosen, right.excess_mps2 - right.bias_mps2 <= 0.0

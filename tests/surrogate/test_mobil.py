@@ -8,13 +8,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from lane_scene import lane_scene
 
 from surrogate.car_following.idm import Idm
-from surrogate.lane_change.base import LaneChangeModel, Reason, RouteNeed, Side
+from surrogate.lane_change.base import LaneChangeModel, Reason
 from surrogate.lane_change.decide import decide
-from surrogate.lane_change.gap_acceptance import Ego
 from surrogate.lane_change.lc2013 import Lc2013
-from surrogate.lane_change.mobil import Appraisal, Mobil, OldFollower, appraise
+from surrogate.lane_change.mobil import Appraisal, Mobil, appraise
 from surrogate.lane_change.surroundings import Place, following_of
 from surrogate.step import World, initial_state
 from surrogate.traffic_state import TrafficState
@@ -60,31 +60,8 @@ def appraised(
 ) -> Appraisal:
     """Return the appraisal of one vehicle; neighbours are (gap, speed), or none."""
 
-    def one(value: float, dtype: type = np.float32) -> jax.Array:
-        return jnp.asarray([value], dtype)
-
-    def leader(neighbour: tuple[float, float] | None, prefix: str) -> dict[str, jax.Array]:
-        gap, other = neighbour or (np.inf, 7.0)
-        return {
-            f"{prefix}exists": one(neighbour is not None, bool),
-            f"{prefix}gap_m": one(gap - S0),
-            f"{prefix}speed_mps": one(other),
-            f"{prefix}acceleration_mps2": one(0.3),
-            f"{prefix}max_speed_mps": one(DESIRED if neighbour else np.inf),
-        }
-
-    need = RouteNeed(one(0, np.int32), one(900.0), one(950.0), one(0.0))
-    zero = one(0, np.int32)
-    ego = Ego(
-        speed_mps=one(speed), acceleration_mps2=one(-0.2), max_speed_mps=one(DESIRED), speed_limit_mps=one(DESIRED),
-        length_m=one(LENGTH), lane_length_m=one(950.0), leader_class=zero, need=need, **leader(own_leader, "leader_"),
-    )  # fmt: skip
-    side = Side(
-        is_open=one(True, bool), row=zero, leader_entry=zero, leader_class=zero, follower_entry=zero,
-        follower_class=zero, need=need, leads_elsewhere=one(False, bool),
-        **leader(new_leader, "leader_"), **leader(new_follower, "follower_"),
-    )  # fmt: skip
-    behind = OldFollower(vehicle_class=zero, **leader(old_follower, ""))
+    ego, side, behind = lane_scene(speed, LENGTH, S0, DESIRED, own_leader, new_leader, new_follower, old_follower)
+    zero = jnp.zeros(1, jnp.int32)
     following = following_of(zero, (idm_class(model),))
     return appraise(model, ego, side, behind, following, is_right, STEP_S)
 
@@ -233,19 +210,6 @@ def test_mobil_drivers_change_lane_for_speed_the_right_and_their_route(states: l
     assert changed > 100
 
 
-def test_with_mobil_the_arrays_stay_sorted_and_nobody_overlaps(states: list[TrafficState], mixed_world: World) -> None:
-    length = float(mixed_world.classes[0].length_m)
-    for state in states:
-        v, head = state.vehicles, state.head
-        for row in range(mixed_world.road.num_rows):
-            inside = slice(head[row], head[row + 1])
-            assert (v.row[inside] == row).all()
-            position = v.position_m[inside][1:].astype(np.float64)
-            assert (position[:-1] - length - position[1:] >= 0.0).all()
-    assert int(states[-1].num_collisions) == 0
-    assert int(states[-1].num_lost) == 0
-
-
 def test_each_class_decides_by_its_own_model(
     states: list[TrafficState], mixed_world: World, corridor_world: Callable[..., World]
 ) -> None:
@@ -273,10 +237,13 @@ def test_an_unknown_lane_change_model_is_refused(corridor_world: Callable[..., W
     class Other(LaneChangeModel):
         strategic: jax.Array
 
+        def route_parameters(self) -> Lc2013:
+            raise NotImplementedError
+
     world = corridor_world(19, 42.0)
     assert isinstance(world.classes[0].lane_change, Lc2013)
     state = jax.eval_shape(lambda w: initial_state(w, 40), world)
-    with pytest.raises(TypeError, match=r"Lc2013 or Mobil .* got Other"):
+    with pytest.raises(TypeError, match=r"lc2013, mobil, vissim.* got Other"):
         jax.eval_shape(
             lambda s, w: decide(Place(s.vehicles, w.road, s.head), w.classes, 1.0, STEP_S),
             state,

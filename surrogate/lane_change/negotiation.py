@@ -1,0 +1,115 @@
+"""Those who must change lane for their route ask their neighbours for room."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from surrogate.compaction import first_true
+from surrogate.lane_change.cooperation import NO_ADVICE, requests
+from surrogate.lane_change.gap_acceptance import Following
+from surrogate.lane_change.old_follower import OldFollower
+from surrogate.lane_change.surroundings import Place, following_of
+from surrogate.lane_change.view import judge_gaps, look_around
+from surrogate.materialise import materialise
+from surrogate.neighbours import take
+from surrogate.tiles import Chosen
+from surrogate.vehicle_class import VehicleClass
+
+Value = Float[Array, " vehicle"]
+Flag = Bool[Array, " vehicle"]
+
+URGENT_SHARE = 8  # at most one in so many entries negotiates in one decision; there are fewer in any traffic that moves
+FEWEST_URGENT = 24
+
+
+class Duty(eqx.Module):
+    """Who must change lane for his route, and who is ahead of him on each side.
+
+    Attributes:
+        entries: entry ahead in the row on the right, and on the left.
+        must_right: whether the route needs a change to the right.
+        must_left: whether it needs one to the left.
+    """
+
+    entries: tuple[Int[Array, " vehicle"], Int[Array, " vehicle"]]
+    must_right: Flag
+    must_left: Flag
+
+
+class Asked(eqx.Module):
+    """What the vehicles that must change have asked for.
+
+    Attributes:
+        own_advice_mps2: acceleration that such a vehicle asks of itself; inf where none.
+        asked_advice_mps2: lowest acceleration asked of each vehicle by others; inf where none.
+        help_right: vehicles asked to make room by one who must change to the right.
+        help_left: the same to the left.
+    """
+
+    own_advice_mps2: Value
+    asked_advice_mps2: Value
+    help_right: Flag
+    help_left: Flag
+
+
+def negotiate(
+    place: Place,
+    duty: Duty,
+    desired_mps: Value,
+    old_follower: OldFollower | None,
+    classes: tuple[VehicleClass, ...],
+    interval_s: float,
+    step_s: float,
+) -> Asked:
+    """Let those who must change ask; they are few, so they are picked first.
+
+    Args:
+        place: all vehicles and where they are.
+        duty: who must change.
+        desired_mps: speed that each vehicle wants where it is.
+        old_follower: who follows each in its own row; None if no model asks.
+        classes: vehicle classes.
+        interval_s: time since the last decision.
+        step_s: length of a time step.
+    """
+    everybody = place.everybody
+    num_entries = everybody.row.shape[0]
+    number = max(FEWEST_URGENT, num_entries // URGENT_SHARE)
+    entry, is_chosen = first_true(duty.must_right | duty.must_left, number)
+    chosen = Chosen(entry)
+    part = place.part(chosen)
+    following = following_of(part.vehicles.vehicle_class, classes)
+    around = look_around(part, chosen(desired_mps), desired_mps, chosen(duty.entries), classes, interval_s, step_s)
+    is_right = chosen(duty.must_right)
+    side = jax.tree.map(lambda right, left: jnp.where(is_right, right, left), around.right, around.left)
+    ego, side = materialise((around.ego, side))
+    judged = judge_gaps(part, around, chosen(old_follower), classes, step_s)
+    gaps = jax.tree.map(lambda right, left: jnp.where(is_right, right, left), *judged.gaps)
+    request = requests(ego, side, gaps, following, around.after_right, is_right, interval_s, step_s)
+
+    nothing = jnp.full((num_entries,), NO_ADVICE, jnp.float32)
+    counts = is_chosen & (request.own_advice_mps2 >= hardest_mps2(following))
+    own = jnp.where(counts, request.own_advice_mps2, NO_ADVICE)
+    asked = nothing
+    for exists, receiver, advice in (
+        (side.leader_exists, side.leader_entry, request.leader_advice_mps2),
+        (side.follower_exists, side.follower_entry, request.follower_advice_mps2),
+    ):
+        # advice harder than the receiver would brake is ignored, as in SUMO
+        of_receiver = following_of(take(everybody.vehicle_class, receiver), classes)
+        counts = is_chosen & exists & (advice >= hardest_mps2(of_receiver))
+        asked = asked.at[receiver].min(jnp.where(counts, advice, NO_ADVICE), mode="promise_in_bounds")
+    asks = is_chosen & request.asks_follower & side.follower_exists
+    nobody = jnp.zeros((num_entries,), bool)
+    return Asked(
+        own_advice_mps2=nothing.at[entry].min(own, mode="promise_in_bounds"),
+        asked_advice_mps2=asked,
+        help_right=nobody.at[side.follower_entry].max(asks & is_right, mode="promise_in_bounds"),
+        help_left=nobody.at[side.follower_entry].max(asks & ~is_right, mode="promise_in_bounds"),
+    )
+
+
+def hardest_mps2(following: Following) -> Value:
+    """Return the deceleration, a negative number, down to which vehicles follow an advice."""
+    return -following.max_deceleration_mps2 - 1e-3

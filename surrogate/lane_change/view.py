@@ -1,0 +1,124 @@
+"""What vehicles see before they decide about their lanes, and who is in the way there."""
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from surrogate.lane_change.base import Side
+from surrogate.lane_change.free_model import FreeModel, Outlook, free_models, of_members
+from surrogate.lane_change.gap_acceptance import Blocked, Ego, blocked
+from surrogate.lane_change.lc2013 import Lc2013
+from surrogate.lane_change.old_follower import OldFollower
+from surrogate.lane_change.strategy import Strategy, decayed_look_ahead_speed_mps, strategy
+from surrogate.lane_change.surroundings import Place, ego_of, following_of, side_of, sight_m
+from surrogate.materialise import materialise
+from surrogate.traffic_state import VehicleArrays
+from surrogate.vehicle_class import VehicleClass, select_record
+
+Value = Float[Array, " vehicle"]
+Flag = Bool[Array, " vehicle"]
+
+
+class View(eqx.Module):
+    """What vehicles see before they decide.
+
+    Attributes:
+        ego: each vehicle and its own lane.
+        right: the lane on its right.
+        left: the lane on its left.
+        after_right: look-ahead speed once the right side has been looked at.
+        after_left: look-ahead speed once both have.
+        route_right: what the route says of the right side.
+        route_left: what it says of the left side.
+    """
+
+    ego: Ego
+    right: Side
+    left: Side
+    after_right: Value
+    after_left: Value
+    route_right: Strategy
+    route_left: Strategy
+
+
+def look_around(
+    part: Place,
+    desired_mps: Value,
+    everybodys_desired_mps: Value,
+    entries: tuple[Int[Array, " vehicle"], Int[Array, " vehicle"]],
+    classes: tuple[VehicleClass, ...],
+    interval_s: float,
+    step_s: float,
+) -> View:
+    """Return what vehicles see; who is ahead of them on the right and on the left is known already."""
+    vehicles = part.vehicles
+    following = following_of(vehicles.vehicle_class, classes)
+    model = lc2013_of(vehicles, classes)
+    look_m = sight_m(vehicles, following, step_s)
+    ego = ego_of(part, following, desired_mps, everybodys_desired_mps, look_m)
+    right = side_of(part, following, everybodys_desired_mps, look_m, entries[0], True)
+    left = side_of(part, following, everybodys_desired_mps, look_m, entries[1], False)
+    # SUMO lets the look-ahead speed decay once for each side that there is
+    before = vehicles.look_ahead_speed_mps
+    after_right = jnp.where(right.is_open, decayed_look_ahead_speed_mps(ego, before, interval_s), before)
+    after_left = decayed_look_ahead_speed_mps(ego, after_right, interval_s)
+    after_left = jnp.where(left.is_open, after_left, after_right)
+    return View(
+        ego=ego,
+        right=right,
+        left=left,
+        after_right=after_right,
+        after_left=after_left,
+        route_right=strategy(model, ego, right, after_right, following, True),
+        route_left=strategy(model, ego, left, after_left, following, False),
+    )
+
+
+class Judgement(eqx.Module):
+    """Who is in the way on each side, by each vehicle's own model.
+
+    Attributes:
+        gaps: to the right and to the left.
+        others: models other than LC2013 that occur, and whose they are.
+        outlook: what these are told; None if there are none.
+    """
+
+    gaps: tuple[Blocked, Blocked]
+    others: list[tuple[FreeModel, Flag]]
+    outlook: Outlook | None
+
+
+def judge_gaps(
+    part: Place,
+    around: View,
+    old_follower: OldFollower | None,
+    classes: tuple[VehicleClass, ...],
+    step_s: float,
+) -> Judgement:
+    """Return who is in the way.
+
+    Args:
+        part: the vehicles asked about.
+        around: what they see.
+        old_follower: who follows each in its own row; None if all classes have LC2013.
+        classes: vehicle classes.
+        step_s: length of a time step.
+    """
+    vehicle_class = part.vehicles.vehicle_class
+    following = following_of(vehicle_class, classes)
+    assertive = lc2013_of(part.vehicles, classes).assertive
+    right, left = (blocked(around.ego, side, following, assertive, step_s) for side in (around.right, around.left))
+    gaps = materialise((right, left))
+    if old_follower is None:
+        return Judgement(gaps, [], None)
+    sides, routes = (around.right, around.left), (around.route_right, around.route_left)
+    outlook = Outlook(around.ego, sides, routes, gaps, vehicle_class, old_follower, following, step_s)
+    others = free_models(outlook, classes)
+    for other, is_member in others:
+        gaps = of_members(is_member, other.gaps(outlook), gaps)
+    return Judgement(gaps, others, outlook)
+
+
+def lc2013_of(vehicles: VehicleArrays, classes: tuple[VehicleClass, ...]) -> Lc2013:
+    """Return the parameters for route and talk of each vehicle."""
+    return select_record([c.lane_change.route_parameters() for c in classes], vehicles.vehicle_class)
