@@ -46,7 +46,7 @@ def surrogate_engine(
         sensor=Sensor(
             jnp.asarray(perception.ahead_m, jnp.float32), jnp.asarray(perception.behind_m, jnp.float32), OBJECTS_PER_ROW
         ),
-        clock=Clock(scenario.step_s, steps_per_decision),
+        clock=Clock(scenario.step_s, steps_per_decision, problem.scenario.configuration.lane_change_duration_s),
         end_s=scenario.duration_s,
         capacity=expected_vehicles(problem, spare_capacity),
         frame_interval_s=FRAME_INTERVAL_S,

@@ -95,8 +95,6 @@ def read_scenario(config: Path, folder: Path, subject_vehicle: str, duration_s: 
     warnings = list(configuration.ignored)
     if len(flows) < len(demand.flows):
         warnings.append(f"{demand.file.name}: {len(demand.flows) - len(flows)} flows never meet the route; left out.")
-    if configuration.processing.get("lanechange.duration", "0") not in ("0", "0.0"):
-        warnings.append(f"{config.name}: lanechange.duration: the surrogate changes lanes within one decision.")
     for option in ("default.action-step-length", "lanechange.overtake-right"):
         if configuration.processing.get(option, "0").lower() not in ("0", "0.0", "false"):
             warnings.append(f"{config.name}: {option}: the surrogate does without; SUMO confirms with it.")

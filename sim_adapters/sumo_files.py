@@ -46,6 +46,7 @@ class SumoConfiguration:
         begin_s: begin of the simulation.
         end_s: end of the simulation, or None.
         step_s: step length.
+        lane_change_duration_s: time that a lane change takes; 0 for none.
         processing: options of the processing section that are passed on to SUMO.
         ignored: one line for each thing that was left out.
     """
@@ -57,6 +58,7 @@ class SumoConfiguration:
     begin_s: float
     end_s: float | None
     step_s: float
+    lane_change_duration_s: float
     processing: dict[str, str]
     ignored: tuple[str, ...]
 
@@ -140,6 +142,7 @@ def read_configuration(file: Path, folder: Path) -> SumoConfiguration:
         begin_s=begin_s,
         end_s=_number(file, "end", end) if end else None,
         step_s=step_s,
+        lane_change_duration_s=_number(file, "lanechange.duration", processing.get("lanechange.duration", "0")),
         processing=processing,
         ignored=tuple(ignored),
     )

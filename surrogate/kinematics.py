@@ -29,6 +29,7 @@ def move(
     step_s: float,
     effects: Effects | None = None,
     second: Neighbour | None = None,
+    leader_beside: Neighbour | None = None,
 ) -> tuple[VehicleArrays, Bool[Array, " vehicle"]]:
     """Return the vehicles one step later, and which overlap their leader.
 
@@ -42,6 +43,8 @@ def move(
         step_s: its length.
         effects: what the baseline lacks; None for the baseline.
         second: leader of each leader; effects ask for it.
+        leader_beside: another leader that each vehicle follows as well, while lane changes take time; None if they do
+            not.
 
     Source: SUMO's semi-implicit Euler update, `MSCFModel::finalizeSpeed` and `MSLCM_LC2013::_patchSpeed`: the speed
     changes first, within [v - emergency deceleration, v + max acceleration] and up to the desired speed, then the
@@ -67,6 +70,9 @@ def move(
         situation, habits = materialise((perceived(effects, situation, moment), habits_of(effects, moment)))
     model = CarFollowingMix(tuple(c.car_following for c in classes), vehicles.vehicle_class, habits)
     acceleration = model.acceleration(situation, step_s)
+    if leader_beside is not None:
+        other = behind(leader_beside, situation, vehicles, lengths)
+        acceleration = jnp.minimum(acceleration, model.acceleration(other, step_s))
     stop_m = vehicles.stop_position_m - vehicles.position_m
     acceleration = jnp.minimum(acceleration, model.stop_acceleration(situation, stop_m, step_s))
     slow_m = vehicles.slow_position_m - vehicles.position_m
@@ -100,6 +106,22 @@ def move(
     if effects is not None:
         vehicles = remembered(effects, Moment(vehicles, classes, seed, step, step_s), order)
     return vehicles, collided
+
+
+def behind(
+    leader: Neighbour, situation: FollowingSituation, vehicles: VehicleArrays, lengths: list[Array]
+) -> FollowingSituation:
+    """Return the same situation behind another leader."""
+    rear_m = leader.position_m - select_by_class(lengths, leader.vehicle_class)
+    return FollowingSituation(
+        speed_mps=situation.speed_mps,
+        gap_m=jnp.where(leader.exists, rear_m - vehicles.position_m, jnp.inf),
+        leader_speed_mps=leader.speed_mps,
+        leader_acceleration_mps2=leader.acceleration_mps2,
+        acceleration_mps2=situation.acceleration_mps2,
+        desired_speed_mps=situation.desired_speed_mps,
+        uniform=situation.uniform,
+    )
 
 
 def _random(

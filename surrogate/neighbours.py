@@ -96,6 +96,11 @@ def neighbour_at(entry: Int[Array, " vehicle"], row: Int[Array, " vehicle"], veh
     )
 
 
+def leader_at(entry: Int[Array, " vehicle"], vehicles: VehicleArrays) -> Neighbour:
+    """Return the vehicle at `entry`, whatever its row; it counts if it is one."""
+    return neighbour_at(entry, take(vehicles.row, entry), vehicles)
+
+
 def shift_down(values: Array, first: float) -> Array:
     """Return the value of the entry before each entry, `first` for the very first."""
     return jnp.concatenate([jnp.full((1,), first, values.dtype), values[:-1]])

@@ -28,6 +28,7 @@ class Moves(eqx.Module):
         entrant_ahead: entry behind which each newcomer enters; at most one newcomer per entry.
         entrant_enters: whether there is such a newcomer.
         entrant_rank: place in the queue; who stands further back enters only if all before him do.
+        closed: entries behind which nobody may enter; None if there are none.
     """
 
     leaves_road: Bool[Array, " vehicle"]
@@ -36,6 +37,7 @@ class Moves(eqx.Module):
     entrant_ahead: Int[Array, "entrance lane"]
     entrant_enters: Bool[Array, "entrance lane"]
     entrant_rank: Int[Array, "entrance lane"]
+    closed: Bool[Array, " vehicle"] | None = None
 
 
 class Order(eqx.Module):
@@ -104,6 +106,8 @@ def _admit(
     place = jnp.cumsum(moves.entrant_enters.reshape(-1).astype(jnp.int32)).reshape(moves.entrant_enters.shape)
     fits = place <= room
     free = moves.entrant_enters & fits & (take(claimant, moves.entrant_ahead) == NOBODY)
+    if moves.closed is not None:
+        free &= ~take(moves.closed, moves.entrant_ahead)
     waits = moves.entrant_enters & ~free
     num_lanes = waits.shape[1]
     first_waiting = jnp.min(jnp.where(waits, moves.entrant_rank, num_lanes), axis=1, keepdims=True)

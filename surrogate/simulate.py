@@ -114,7 +114,7 @@ def observe_batch(
     subject_class = len(worlds.classes) - 1
 
     def first(world: World) -> TrafficState:
-        return initial_state(world, plan.capacity)
+        return initial_state(world, plan.capacity, clock)
 
     decisions_per_frame = max(1, plan.steps_per_frame // clock.steps_per_decision)
     frames_per_decision = max(1, clock.steps_per_decision // plan.steps_per_frame)

@@ -13,9 +13,16 @@ from surrogate.kinematics import move
 from surrogate.lane_change.base import STAY, Reason
 from surrogate.lane_change.decide import decide
 from surrogate.lane_change.lc2013 import Lc2013
+from surrogate.lane_change.manoeuvre import (
+    ChangeTiming,
+    after_reorder,
+    change_timing,
+    idle_manoeuvres,
+    with_duration,
+)
 from surrogate.lane_change.surroundings import Place
 from surrogate.materialise import materialise
-from surrogate.neighbours import own_leader, second_leader
+from surrogate.neighbours import leader_at, own_leader, second_leader
 from surrogate.reorder import Moves, new_order, rearrange
 from surrogate.road import Road
 from surrogate.tiles import Tile, all_tiles, for_each_tile
@@ -29,10 +36,17 @@ class Clock(eqx.Module):
     Attributes:
         step_s: car-following step.
         steps_per_decision: steps between two decisions about lanes, arrivals and perception.
+        lane_change_duration_s: time that a lane change takes; 0 for none.
     """
 
     step_s: float = eqx.field(static=True)
     steps_per_decision: int = eqx.field(static=True)
+    lane_change_duration_s: float = eqx.field(static=True, default=0.0)
+
+    @property
+    def change_timing(self) -> ChangeTiming | None:
+        """When things happen in a lane change; None if it takes no time."""
+        return change_timing(self.lane_change_duration_s, self.step_s, self.interval_s)
 
     @property
     def interval_s(self) -> float:
@@ -62,13 +76,15 @@ class World(eqx.Module):
     effects: Effects | None = None
 
 
-def initial_state(world: World, capacity: int) -> TrafficState:
+def initial_state(world: World, capacity: int, clock: Clock | None = None) -> TrafficState:
     """Return an empty road at time 0.
 
     Args:
         world: the run.
         capacity: entries of the vehicle arrays: rows plus the most vehicles that may be on the road at once.
+        clock: lengths of steps; must be given where lane changes take time.
     """
+    has_manoeuvres = clock is not None and clock.change_timing is not None
     num_rows, num_entrances = world.road.num_rows, world.inflow.num_entrances
     none = jnp.zeros((num_entrances,), jnp.int32)
     vehicles = empty_vehicles(num_rows, capacity)
@@ -89,6 +105,7 @@ def initial_state(world: World, capacity: int) -> TrafficState:
         num_collisions=jnp.zeros((), jnp.int32),
         num_lost=jnp.zeros((), jnp.int32),
         num_lane_changes=jnp.zeros((len(Reason),), jnp.int32),
+        manoeuvres=idle_manoeuvres(capacity) if has_manoeuvres else None,
     )
 
 
@@ -121,6 +138,10 @@ def settle_lanes(
     moment = Moment(state.vehicles, world.classes, world.seed, state.step, clock.step_s)
     if effects is not None:
         decision = materialise(decided(effects, decision, moment))
+    manoeuvres, timing = state.manoeuvres, clock.change_timing
+    closed = None
+    if manoeuvres is not None and timing is not None:
+        decision, manoeuvres, closed = with_duration(decision, manoeuvres, state.vehicles, state.head, timing)
     vehicles = with_changes(
         state.vehicles,
         own_advice_mps2=decision.own_advice_mps2,
@@ -152,6 +173,7 @@ def settle_lanes(
         entrant_ahead=candidates.entry_ahead,
         entrant_enters=candidates.enters,
         entrant_rank=candidates.rank,
+        closed=closed,
     )
     with jax.named_scope("reorder"):
         order = new_order(moves, vehicles, state.head)
@@ -164,6 +186,9 @@ def settle_lanes(
         if effects is not None:
             vehicles = with_lane_changes(vehicles, jnp.where(order.has_moved, decision.direction, STAY), moved_from)
         vehicles = rearrange(vehicles, newcomers, order)
+        if manoeuvres is not None and timing is not None:
+            lengths_m = select_by_class([c.length_m for c in world.classes], vehicles.vehicle_class)
+            manoeuvres = after_reorder(manoeuvres, moved_from, order, vehicles, lengths_m, timing)
     if effects is not None:
         vehicles = settled(effects, Moment(vehicles, world.classes, world.seed, state.step, clock.step_s))
     subject_class = len(world.classes) - 1
@@ -183,6 +208,7 @@ def settle_lanes(
         num_collisions=state.num_collisions,
         num_lost=state.num_lost + order.num_lost,
         num_lane_changes=state.num_lane_changes + reasons,
+        manoeuvres=manoeuvres,
     )
 
 
@@ -207,7 +233,10 @@ def move_on(
 
     def one_step(_: int, carry: tuple[_Motion, Array, Array]) -> tuple[_Motion, Array, Array]:
         motion, step, num_collisions = carry
-        leader = materialise(own_leader(motion.of(state.vehicles)))
+        vehicles = motion.of(state.vehicles)
+        leader, beside = materialise(own_leader(vehicles)), None
+        if state.manoeuvres is not None:
+            beside = materialise(leader_at(state.manoeuvres.second_leader, vehicles))
         second = None if world.effects is None else materialise(second_leader(leader))
 
         def one_tile(tile: Tile, carry: tuple[_Motion, Array]) -> tuple[_Motion, Array]:
@@ -225,6 +254,7 @@ def move_on(
                 step_s,
                 world.effects,
                 tile(second),
+                tile(beside),
             )
             after = jax.tree.map(lambda new, old: jnp.where(tile.is_new, new, old), _Motion.from_(after), before)
             return tile.write(motion, after), num_collisions + jnp.sum(has_collided & tile.is_new)

@@ -75,6 +75,26 @@ def with_changes(vehicles: VehicleArrays, **changes: Any) -> VehicleArrays:
     return VehicleArrays(**(fields | changes))
 
 
+class Manoeuvres(eqx.Module):
+    """Lane changes under way, where changes take time; see `lane_change/manoeuvre.py`.
+
+    Attributes:
+        direction: of the change; 0 where there is none.
+        reason: of the change.
+        age: decisions since it began.
+        has_switched: whether the vehicle belongs to the new lane.
+        shadow_row: the other lane.
+        second_leader: entry of the leader that the change adds, to the vehicle itself or to who is behind; 0 for none.
+    """
+
+    direction: Int[Array, " vehicle"]
+    reason: Int[Array, " vehicle"]
+    age: Int[Array, " vehicle"]
+    has_switched: Bool[Array, " vehicle"]
+    shadow_row: Int[Array, " vehicle"]
+    second_leader: Int[Array, " vehicle"]
+
+
 class TrafficState(eqx.Module):
     """All that the next step needs.
 
@@ -92,6 +112,7 @@ class TrafficState(eqx.Module):
         num_collisions: vehicle steps with overlapping vehicles.
         num_lost: vehicles that could not enter because the arrays were full, summed over decisions.
         num_lane_changes: lane changes by reason; see `lane_change.base.Reason`.
+        manoeuvres: changes under way; None where they take no time.
     """
 
     vehicles: VehicleArrays
@@ -107,6 +128,7 @@ class TrafficState(eqx.Module):
     num_collisions: Int[Array, ""]
     num_lost: Int[Array, ""]
     num_lane_changes: Int[Array, " reason"]
+    manoeuvres: Manoeuvres | None = None
 
 
 def empty_vehicles(num_rows: int, capacity: int) -> VehicleArrays:

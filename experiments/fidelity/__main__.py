@@ -19,6 +19,7 @@ from experiments.fidelity.insertion import insertion_table
 from experiments.fidelity.lane_changes import ALWAYS, lane_change_table
 from experiments.fidelity.parity import MOST_DIFFERENCE_M, SUMO_MODELS, parity_table
 from experiments.fidelity.roc_figure import write_roc_figure
+from experiments.fidelity.timed_change import timed_change_table
 from experiments.fidelity.transfer import Transfer, cases_of, run_cases, transfer_of
 from jaxcalib.engines import prepare_devices
 from jaxcalib.problem import CalibrationProblem, read_problem
@@ -74,6 +75,8 @@ def fidelity(
     else:
         console.print(f"Left out: real lane changes, for {data / 'freeway'} is not there.")
     _equilibrium(console, tables)
+    tables["timed_lane_changes"] = rows = timed_change_table()
+    _show_timed_changes(console, rows)
     if runs:
         problem = read_problem(case)
         _transfer(console, tables, problem, runs)
@@ -110,6 +113,16 @@ def _show_lane_changes(console: Console, rows: list[dict]) -> None:
             row["rule"], f"{row['accuracy']:.1%}", f"{row['balanced_accuracy']:.3f}",
             f"{row['roc_area']:.3f} ({low:.3f} to {high:.3f})", f"{row['log_loss']:.3f}", fitted, verdict,
         )  # fmt: skip
+    console.print(shown)
+
+
+def _show_timed_changes(console: Console, rows: list[dict]) -> None:
+    headings = ("duration", "largest difference in position", f"at most {MOST_DIFFERENCE_M:g} m", "lane differs")
+    shown = _table("one lane change among four neighbours, step by step against SUMO", headings)
+    for row in rows:
+        verdict = "yes" if row["largest_difference_m"] <= MOST_DIFFERENCE_M else "no"
+        steps = f"in {row['lane_differs_steps']} steps"
+        shown.add_row(f"{row['duration_s']:g} s", f"{1000.0 * row['largest_difference_m']:.1f} mm", verdict, steps)
     console.print(shown)
 
 
