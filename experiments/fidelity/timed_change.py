@@ -18,7 +18,7 @@ from surrogate.kinematics import move
 from surrogate.lane_change.base import LEFT, STAY, LaneChangeDecision, Reason
 from surrogate.lane_change.cooperation import NO_ADVICE
 from surrogate.lane_change.manoeuvre import ChangeTiming, after_reorder, change_timing, idle_manoeuvres, with_duration
-from surrogate.neighbours import entry_ahead
+from surrogate.neighbours import entry_ahead, leader_at, own_leader
 from surrogate.reorder import Moves, new_order, rearrange
 from surrogate.traffic_state import VehicleArrays, empty_vehicles, with_changes
 from surrogate.vehicle_class import VehicleClass
@@ -167,9 +167,8 @@ def _advance(
 ) -> tuple[VehicleArrays, jax.Array, Any]:
     """Return the state after one step of movement and the decisions that follow."""
     zero = jnp.zeros((), jnp.int32)
-    vehicles, _ = move(
-        vehicles, classes, jnp.ones(()), zero, zero, STEP_S, None if timing is None else manoeuvres.second_leader
-    )
+    beside = None if timing is None else leader_at(manoeuvres.second_leader, vehicles)
+    vehicles, _ = move(vehicles, own_leader(vehicles), classes, jnp.ones(()), zero, zero, STEP_S, leader_beside=beside)
     nothing = jnp.zeros_like(vehicles.speed_mps)
     goes = begins & (vehicles.vehicle_class == 0)
     target = jnp.ones_like(vehicles.row)
