@@ -4,6 +4,7 @@ The same pairs, the same objective, the same simulator: differential evolution w
 evaluated as one batch, pair after pair. Both fit the first half of each pair and are judged on the second.
 """
 
+import functools
 import json
 import time
 from pathlib import Path
@@ -16,8 +17,8 @@ from cyclopts import App, Parameter
 from cyclopts.validators import Number
 from scipy.optimize import differential_evolution
 
-from jaxcalib.pair_fitting.batch import Bounds, PairBatch, bounds_of, misfit, pair_batch
-from jaxcalib.pair_fitting.fit import fit_pairs, mixed_errors
+from jaxcalib.pair_fitting.batch import Bounds, PairBatch, bounds_of, misfit
+from jaxcalib.pair_fitting.fit import batches, fit_pairs, mixed_errors
 from jaxcalib.pair_fitting.recorded_pairs import RecordedPair, read_pairs
 from surrogate.car_following.registry import car_following_model
 from surrogate.model_entry import ModelEntry
@@ -29,14 +30,10 @@ app = App(name="experiments.benchmarks.pair_fitting", help="Fits of pairs agains
 
 def evolve(entry: ModelEntry, pair: RecordedPair, seed: int) -> np.ndarray:
     """Return the values that differential evolution finds for a pair."""
-    bounds, batch = bounds_of(entry), pair_batch([pair])
-
-    @jax.jit
-    def losses(unit: jnp.ndarray, bounds: Bounds, batch: PairBatch) -> jnp.ndarray:
-        return jax.vmap(lambda point: misfit(entry, bounds, point[None], batch)[0])(unit)
+    bounds, ((_, batch),) = bounds_of(entry), tuple(batches([pair]))
 
     def evaluate(columns: np.ndarray) -> np.ndarray:
-        found = np.asarray(losses(jnp.asarray(columns.T, jnp.float32), bounds, batch), float)
+        found = np.asarray(_losses(entry, jnp.asarray(columns.T, jnp.float32), bounds, batch), float)
         return np.where(np.isfinite(found), found, WORST)
 
     num_parameters = len(entry.parameters) + 1
@@ -46,12 +43,18 @@ def evolve(entry: ModelEntry, pair: RecordedPair, seed: int) -> np.ndarray:
     return np.asarray(bounds.values(jnp.asarray(found.x, jnp.float32)), float)
 
 
+@functools.partial(jax.jit, static_argnums=0)
+def _losses(entry: ModelEntry, unit: jnp.ndarray, bounds: Bounds, batch: PairBatch) -> jnp.ndarray:
+    """Return the misfits of a population, one batch; compiled once for all pairs of a power of 2."""
+    return jax.vmap(lambda point: misfit(entry, bounds, point[None], batch)[0])(unit)
+
+
 @app.default
 def compare(
     *,
     data: Path = Path("../shared/data"),
     model: str = "idm",
-    every: Annotated[int, Parameter(validator=Number(gte=1))] = 10,
+    every: Annotated[int, Parameter(validator=Number(gte=1))] = 1,
     seed: int = 0,
 ) -> int:
     """Print one line of JSON for each data set.

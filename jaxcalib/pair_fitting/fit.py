@@ -1,22 +1,22 @@
 """Fits a model to many pairs at once: a screen of many starts, then Levenberg-Marquardt from the best of them.
 
-Every pair and every start is a lane of the same program. Derivatives are exact, by forward differentiation through the
-closed loop: a pair has few parameters, so that a tangent for each costs less than going back through the drive, and the
-same tangents give the uncertainty.
+Every pair and every start is a lane of the same two programs, one for the screen and one with derivatives. These are
+exact, by forward differentiation through the closed loop: a pair has few parameters, so that a tangent for each costs
+less than going back through the drive, and the same tangents give the uncertainty. The steps themselves are small
+linear algebra outside, so that nothing more is to be compiled.
 """
 
 import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 from scipy.stats.qmc import Sobol
 
-from jaxcalib.pair_fitting.batch import Bounds, PairBatch, bounds_of, misfit, pair_batch, residuals
+from jaxcalib.pair_fitting.batch import Bounds, Misfit, PairBatch, bounds_of, misfit, misfit_and_slopes, pair_batch
 from jaxcalib.pair_fitting.recorded_pairs import RecordedPair
 from surrogate.model_entry import ModelEntry
 
@@ -25,8 +25,8 @@ NUM_STARTS = 4
 NUM_ITERATIONS = 12
 FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-2, 1e-6, 1e6
 DAMPING_DOWN, DAMPING_UP = 0.2, 5.0
-SHORTEST_BATCH = 256  # steps; lengths are rounded up to powers of 2 times that, so that few programs are compiled
-LANE_STEPS = 1 << 19  # lanes times steps in one batch
+MOST_PLACES = 1 << 20  # pairs times steps in one batch
+SHORTEST_BATCH = 256  # steps; lengths of arrays are powers of 2 times that
 AT_BOUND = 1e-3  # of the range
 UNKNOWN_ERROR = 0.25  # of the range: a parameter with a larger standard error is not identified
 
@@ -68,15 +68,11 @@ def fit_pairs(
     """
     bounds = bounds_of(entry)
     fits: dict[int, PairFit] = {}
-    for chosen in _chunks(pairs):
-        some = [pairs[index] for index in chosen]
-        batch = _padded(pair_batch(some), _length_class(max(len(pair) for pair in some)))
-        units = np.asarray(_search(entry, bounds, batch, seed))
-        found = np.asarray(residuals(entry, bounds, jnp.asarray(units), batch), float)
-        slopes = np.asarray(_slopes(entry, bounds, jnp.asarray(units), batch), float)
+    for chosen, batch in batches(pairs):
+        units, found = _search(entry, bounds, batch, seed)
         for lane, index in enumerate(chosen):
-            steps = len(pairs[index])
-            fits[index] = _judged(pairs[index], bounds, units[lane], found[:steps, lane], slopes[:steps, lane])
+            of_lane = jax.tree.map(lambda leaf, lane=lane: leaf[..., lane], found)
+            fits[index] = _judged(pairs[index], bounds, units[lane], of_lane)
         on_pairs(len(chosen))
     return [fits[index] for index in range(len(pairs))]
 
@@ -87,142 +83,134 @@ def mixed_errors(entry: ModelEntry, pairs: Sequence[RecordedPair], values: np.nd
     Source: Kesting & Treiber (2008), Transp. Res. Rec. 2088, eq. (12).
     """
     bounds = bounds_of(entry)
+    lower, upper = np.asarray(bounds.lower, float), np.asarray(bounds.upper, float)
     errors = np.empty(len(pairs))
-    for chosen in _chunks(pairs):
-        some = [pairs[index] for index in chosen]
-        batch = _padded(pair_batch(some), _length_class(max(len(pair) for pair in some)))
-        unit = (jnp.asarray(values[chosen], jnp.float32) - bounds.lower) / (bounds.upper - bounds.lower)
-        errors[chosen] = np.sqrt(np.asarray(_misfits(entry, bounds, unit, batch), float))
+    for chosen, batch in batches(pairs):
+        unit = _filled((values[chosen] - lower) / (upper - lower), batch)
+        total = _misfits(entry, bounds, jnp.broadcast_to(unit, (NUM_STARTS, *unit.shape)), batch)[0]
+        errors[chosen] = np.sqrt(np.asarray(total, float)[: len(chosen)])
     return errors
 
 
-def _chunks(pairs: Sequence[RecordedPair]) -> list[list[int]]:
-    """Return groups of pairs of similar length, small enough for one batch."""
-    order = sorted(range(len(pairs)), key=lambda index: len(pairs[index]))
-    groups: list[list[int]] = []
-    for index in order:
-        length = _length_class(len(pairs[index]))
-        is_new = not groups or _length_class(len(pairs[groups[-1][0]])) != length
-        if is_new or len(groups[-1]) >= max(1, LANE_STEPS // length // NUM_STARTS):
-            groups.append([])
-        groups[-1].append(index)
-    return groups
-
-
-def _length_class(steps: int) -> int:
+def batches(pairs: Sequence[RecordedPair]) -> Iterator[tuple[list[int], PairBatch]]:
+    """Yield groups of pairs of similar length, with arrays of one shape for all groups; spare lanes repeat a pair."""
     length = SHORTEST_BATCH
-    while length < steps:
+    while length < max(len(pair) for pair in pairs):
         length *= 2
-    return length
+    lanes = min(len(pairs), max(1, MOST_PLACES // length))
+    order = sorted(range(len(pairs)), key=lambda index: len(pairs[index]))
+    for begin in range(0, len(order), lanes):
+        chosen = order[begin : begin + lanes]
+        spare = [chosen[-1]] * (lanes - len(chosen))
+        yield chosen, pair_batch([pairs[index] for index in (*chosen, *spare)], length)
 
 
-def _padded(batch: PairBatch, length: int) -> PairBatch:
-    """Return a batch of a length for which there is a program; what is added weighs nothing."""
-    missing = length - batch.gap_m.shape[0]
-    first = batch.first
-    padded = jax.tree.map(
-        lambda leaf: jnp.pad(leaf, ((0, missing), (0, 0))), eqx.tree_at(lambda b: b.first, batch, None)
-    )
-    return eqx.tree_at(lambda b: b.first, padded, first, is_leaf=lambda leaf: leaf is None)
-
-
-@functools.partial(jax.jit, static_argnums=0)
-def _misfits(entry: ModelEntry, bounds: Bounds, unit: Array, batch: PairBatch) -> Array:
-    return misfit(entry, bounds, unit, batch)
+def _filled(unit: np.ndarray, batch: PairBatch) -> Array:
+    """Return points for all lanes of a batch; spare ones repeat the last."""
+    missing = batch.gap_m.shape[1] - len(unit)
+    return jnp.asarray(np.pad(unit, ((0, missing), (0, 0)), mode="edge"), jnp.float32)
 
 
 @functools.partial(jax.jit, static_argnums=0)
-def _slopes(entry: ModelEntry, bounds: Bounds, unit: Array, batch: PairBatch) -> Float[Array, "step pair parameter"]:
-    """Return the derivative of each residual with respect to its pair's own parameters."""
-
-    def along(direction: Array) -> Array:
-        tangent = jnp.broadcast_to(direction, unit.shape)
-        return jax.jvp(lambda at: residuals(entry, bounds, at, batch), (unit,), (tangent,))[1]
-
-    return jnp.moveaxis(jax.vmap(along)(jnp.eye(unit.shape[1], dtype=unit.dtype)), 0, -1)
+def _misfits(
+    entry: ModelEntry, bounds: Bounds, units: Float[Array, "start pair parameter"], batch: PairBatch
+) -> Float[Array, "start pair"]:
+    return jax.vmap(lambda unit: misfit(entry, bounds, unit, batch))(units)
 
 
-@functools.partial(jax.jit, static_argnums=(0, 3))
-def _search(entry: ModelEntry, bounds: Bounds, batch: PairBatch, seed: int) -> Float[Array, "pair parameter"]:
-    """Return the best point of the unit cube found for each pair."""
+@functools.partial(jax.jit, static_argnums=0)
+def _misfits_and_slopes(
+    entry: ModelEntry, bounds: Bounds, units: Float[Array, "start pair parameter"], batch: PairBatch
+) -> Misfit:
+    return jax.vmap(lambda unit: misfit_and_slopes(entry, bounds, unit, batch))(units)
+
+
+def _search(entry: ModelEntry, bounds: Bounds, batch: PairBatch, seed: int) -> tuple[np.ndarray, Misfit]:
+    """Return the best point of the unit cube found for each pair, [pair, parameter], and the misfit there."""
     num_pairs, num_parameters = batch.gap_m.shape[1], len(entry.parameters) + 1
-    usual = jnp.asarray([one.usual for one in entry.parameters] + [0.0], jnp.float32)
-    usual = (usual - bounds.lower) / (bounds.upper - bounds.lower)
-    fastest = jnp.max(batch.leader_mps, axis=0)
-    wanted = (1.1 * fastest + 2.0 - bounds.lower[-1]) / (bounds.upper[-1] - bounds.lower[-1])
-    usual = jnp.broadcast_to(usual, (num_pairs, num_parameters)).at[:, -1].set(jnp.clip(wanted, 0.0, 1.0))
-    cube = jnp.asarray(Sobol(num_parameters, rng=np.random.default_rng(seed)).random(NUM_SCREENED), jnp.float32)
-    screened = jax.lax.map(
-        lambda point: misfit(entry, bounds, jnp.broadcast_to(point, (num_pairs, num_parameters)), batch), cube
+    lower, upper = np.asarray(bounds.lower, float), np.asarray(bounds.upper, float)
+    usual = (np.asarray([one.usual for one in entry.parameters] + [0.0]) - lower) / (upper - lower)
+    fastest = np.asarray(batch.leader_mps, float).max(axis=0)
+    usual = np.tile(usual, (num_pairs, 1))
+    usual[:, -1] = np.clip((1.1 * fastest + 2.0 - lower[-1]) / (upper[-1] - lower[-1]), 0.0, 1.0)
+    cube = Sobol(num_parameters, rng=np.random.default_rng(seed)).random(NUM_SCREENED)
+    screened = []
+    for points in cube.reshape(-1, NUM_STARTS, 1, num_parameters):
+        units = np.broadcast_to(points, (NUM_STARTS, num_pairs, num_parameters))
+        screened.append(np.asarray(_misfits(entry, bounds, jnp.asarray(units, jnp.float32), batch), float))
+    totals = np.concatenate(screened)
+    best = np.argsort(np.where(np.isfinite(totals), totals, np.inf), axis=0)[: NUM_STARTS - 1]  # [start, pair]
+    units, found = _descend(
+        lambda units: _misfits_and_slopes(entry, bounds, jnp.asarray(units, jnp.float32), batch),
+        np.concatenate([usual[None], cube[best]]),
     )
-    screened = jnp.where(jnp.isfinite(screened), screened, jnp.inf)
-    best = jnp.argsort(screened, axis=0)[: NUM_STARTS - 1]  # [start, pair]
-    starts = jnp.concatenate([usual[None], cube[best]])
-    lanes = jax.tree.map(lambda leaf: jnp.tile(leaf, (1,) * (leaf.ndim - 1) + (NUM_STARTS,)), batch)
-    unit, total = _descend(entry, bounds, lanes, starts.reshape(-1, num_parameters))
-    total = jnp.where(jnp.isfinite(total), total, jnp.inf).reshape(NUM_STARTS, num_pairs)
-    unit = unit.reshape(NUM_STARTS, num_pairs, num_parameters)
-    return unit[jnp.argmin(total, axis=0), jnp.arange(num_pairs)]
+    chosen = np.argmin(np.where(np.isfinite(found.total), found.total, np.inf), axis=0)
+    lanes = np.arange(num_pairs)
+    return units[chosen, lanes], jax.tree.map(lambda leaf: np.moveaxis(leaf[chosen, ..., lanes], 0, -1), found)
 
 
-def _descend(entry: ModelEntry, bounds: Bounds, batch: PairBatch, unit: Array) -> tuple[Array, Array]:
-    """Return where Levenberg-Marquardt steps within the unit cube lead, and the misfit there."""
-    num_parameters = unit.shape[1]
+def _descend(evaluate: Callable[[np.ndarray], Misfit], units: np.ndarray) -> tuple[np.ndarray, Misfit]:
+    """Return where Levenberg-Marquardt steps within the unit cube lead, and the misfit there.
 
-    def normal(unit: Array) -> tuple[Array, Array, Array]:
-        """Return misfit, half its gradient, and the product of the slopes."""
-        residual = residuals(entry, bounds, unit, batch)
-        slope = _slopes(entry, bounds, unit, batch)
-        gradient = jnp.einsum("tp,tpk->pk", residual, slope)
-        return jnp.sum(residual**2, axis=0), gradient, jnp.einsum("tpk,tpl->pkl", slope, slope)
+    Args:
+        evaluate: from points, [start, pair, parameter], to their misfits.
+        units: where to begin.
+    """
 
-    def iterate(_: int, carry: tuple[Array, ...]) -> tuple[Array, ...]:
-        unit, total, gradient, product, damping = carry
-        is_stuck = ((unit <= 0.0) & (gradient > 0.0)) | ((unit >= 1.0) & (gradient < 0.0))
-        free = ~is_stuck
-        both = free[:, :, None] & free[:, None, :]
-        diagonal = jnp.diagonal(product, axis1=1, axis2=2)
-        scale = damping[:, None] * jnp.maximum(diagonal, 1e-4 * jnp.max(diagonal, axis=1, keepdims=True)) + 1e-12
-        matrix = jnp.where(both, product, 0.0) + jnp.eye(num_parameters) * jnp.where(free, scale, 1.0)[:, None, :]
-        step = jnp.linalg.solve(matrix, jnp.where(free, -gradient, 0.0)[..., None])[..., 0]
-        there = jnp.clip(unit + jnp.nan_to_num(step), 0.0, 1.0)
-        later = normal(there)
-        is_better = later[0] < total  # false for what is no number
+    def evaluated(units: np.ndarray) -> Misfit:
+        return jax.tree.map(lambda leaf: np.asarray(leaf, float), evaluate(units))
 
-        def chosen(new: Array, old: Array) -> Array:
-            return jnp.where(is_better.reshape(-1, *[1] * (new.ndim - 1)), new, old)
-
-        damping = jnp.clip(damping * jnp.where(is_better, DAMPING_DOWN, DAMPING_UP), LEAST_DAMPING, MOST_DAMPING)
-        kept = (chosen(new, old) for new, old in zip(later, (total, gradient, product), strict=True))
-        return (chosen(there, unit), *kept, damping)
-
-    first = (unit, *normal(unit), jnp.full(unit.shape[0], FIRST_DAMPING))
-    unit, total, *_ = jax.lax.fori_loop(0, NUM_ITERATIONS, iterate, first)
-    return unit, total
+    found = evaluated(units)
+    damping = np.full(units.shape[:2], FIRST_DAMPING)
+    for _ in range(NUM_ITERATIONS):
+        there = np.clip(units + np.nan_to_num(_step(units, found, damping)), 0.0, 1.0)
+        later = evaluated(there)
+        is_better = later.total < found.total  # false for what is no number
+        damping = np.clip(damping * np.where(is_better, DAMPING_DOWN, DAMPING_UP), LEAST_DAMPING, MOST_DAMPING)
+        units = np.where(is_better[..., None], there, units)
+        found = jax.tree.map(
+            lambda new, old, better=is_better: np.where(
+                better.reshape(len(better), *[1] * (new.ndim - 2), better.shape[1]), new, old
+            ),
+            later,
+            found,
+        )
+    return units, found
 
 
-def _judged(pair: RecordedPair, bounds: Bounds, unit: np.ndarray, residual: np.ndarray, slope: np.ndarray) -> PairFit:
+def _step(units: np.ndarray, found: Misfit, damping: np.ndarray) -> np.ndarray:
+    """Return damped Gauss-Newton steps; a parameter at a bound that it would cross stays."""
+    gradient = np.moveaxis(np.nan_to_num(found.gradient), 1, -1)
+    product = np.moveaxis(np.nan_to_num(found.product), (1, 2), (-2, -1))
+    free = ~(((units <= 0.0) & (gradient > 0.0)) | ((units >= 1.0) & (gradient < 0.0)))
+    diagonal = np.diagonal(product, axis1=-2, axis2=-1)
+    scale = damping[..., None] * np.maximum(diagonal, 1e-4 * diagonal.max(axis=-1, keepdims=True)) + 1e-12
+    matrix = np.where(free[..., :, None] & free[..., None, :], product, 0.0)
+    matrix = matrix + np.eye(units.shape[-1]) * np.where(free, scale, 1.0)[..., None, :]
+    return np.linalg.solve(matrix, np.where(free, -gradient, 0.0)[..., None])[..., 0]
+
+
+def _judged(pair: RecordedPair, bounds: Bounds, unit: np.ndarray, found: Misfit) -> PairFit:
     """Return a fit with its uncertainty.
 
     Neighbouring residuals are alike, so that a record counts as many observations as an autoregressive series of first
     order with the same correlation does: n (1 - r) / (1 + r).
     """
     lower, upper = np.asarray(bounds.lower, float), np.asarray(bounds.upper, float)
-    total = float(np.sum(residual**2))
-    lag = float(np.clip(np.sum(residual[1:] * residual[:-1]) / max(total, 1e-12), 0.0, 0.999))
-    effective = len(residual) * (1.0 - lag) / (1.0 + lag)
-    product = slope.T @ slope * effective / len(residual)
+    total, steps = float(found.total), len(pair)
+    lag = float(np.clip(found.lag_product / max(total, 1e-12), 0.0, 0.999))
+    effective = steps * (1.0 - lag) / (1.0 + lag)
+    product = np.asarray(found.product) * effective / steps
     freedom = max(effective - len(unit), 1.0)
-    variance = np.diag(np.linalg.pinv(product, hermitian=True)) * total * (effective / len(residual)) / freedom
+    variance = np.diag(np.linalg.pinv(product, hermitian=True)) * total * (effective / steps) / freedom
     is_flat = np.diag(product) < 1e-9 * np.diag(product).max(initial=1e-30)
     error = np.where(is_flat | (variance <= 0.0), np.inf, np.sqrt(np.maximum(variance, 0.0)))
     inside = (unit > AT_BOUND) & (unit < 1.0 - AT_BOUND)
-    gaps = residual / np.sqrt(1.0 / (np.maximum(pair.gap_m, 0.5) * np.maximum(pair.gap_m, 0.5).mean()) / len(pair))
     return PairFit(
         name=pair.name,
         values=lower + unit * (upper - lower),
         error=error * (upper - lower),
         is_identified=inside & (error <= UNKNOWN_ERROR),
         mixed_error=float(np.sqrt(total)),
-        smallest_gap_m=float((gaps + pair.gap_m).min()),
+        smallest_gap_m=float(found.smallest_gap_m),
     )
