@@ -1,4 +1,4 @@
-"""RUN: the folder that keeps a calibration's journal and takes its results."""
+"""RUN: the folder that keeps a journal and takes results, and goes on with nothing but what it was begun with."""
 
 import hashlib
 import json
@@ -19,9 +19,9 @@ IDENTITY_FILE = "run.json"
 LIBRARIES = ("jax", "jaxlib", "numpy", "scipy", "scikit-learn", "libsumo")
 PARTS = ("case", "options", "program")
 SAYS = {
-    "case": "expected the case that this folder was begun with; it is another one, or has changed",
-    "options": "expected the options that this folder was begun with",
-    "program": "expected the program and libraries that this folder was begun with",
+    "case": "expected the case that this was begun with; it is another one, or has changed",
+    "options": "expected the options that this was begun with",
+    "program": "expected the version of program and libraries that this was begun with",
 }
 
 
@@ -62,15 +62,15 @@ def open_run_folder(path: Path, identity: dict[str, str], resume: bool) -> RunFo
         raise CaseError(path, "", "expected a folder, or a path where none is yet.")
     file = path / IDENTITY_FILE
     if path.is_dir() and not file.is_file() and any(entry.name != ".lock" for entry in path.iterdir()):
-        raise CaseError(path, "", "expected an empty folder, or one that a calibration was begun in.")
+        raise CaseError(path, "", "expected an empty folder, or one that a run was begun in.")
     if file.is_file():
-        _check_identity(file, identity, resume)
+        _check_begun(file, identity, resume)
     path.mkdir(parents=True, exist_ok=True)
     lock = FileLock(path / ".lock")
     try:
         lock.acquire(timeout=0)
     except Timeout:
-        raise CaseError(path, "", "expected a folder that nobody else uses; another calibration runs in it.") from None
+        raise CaseError(path, "", "expected a folder that nobody else uses; another run goes on in it.") from None
     if not file.is_file():
         text = json.dumps(identity, indent=1) + "\n"
         write_atomically(file, lambda stream: stream.write(text.encode()))
@@ -100,18 +100,45 @@ def _add_files(digest: Any, folder: Path, pattern: str) -> None:
             digest.update(hashlib.sha256(file.read_bytes()).digest())
 
 
-def _check_identity(file: Path, identity: dict[str, str], resume: bool) -> None:
-    place = f"{file.parent.name}/{IDENTITY_FILE}"
+def check_identity(file: Path, found: dict[str, Any], identity: dict[str, str]) -> None:
+    """Check that what was begun is what is asked for now.
+
+    Args:
+        file: where `found` stands, for messages.
+        found: identity of what was begun.
+        identity: identity of what is asked for.
+
+    Raises:
+        CaseError: they differ, or there is none in `found`.
+    """
     try:
-        found = json.loads(file.read_text(encoding="utf-8"))
         parts = {part: str(found[part]) for part in PARTS}
-    except (OSError, ValueError, KeyError, TypeError):
-        raise CaseError(file, "", "expected what a calibration writes there; it cannot be read.") from None
+    except (KeyError, TypeError):
+        raise CaseError(file, "", "expected what a run writes there; it cannot be read.") from None
     if parts["case"] != identity["case"]:
         raise CaseError(file, "case", f"{SAYS['case']} ({quote(parts['case'].rpartition(' ')[0])}).")
-    if not resume:
-        raise CaseError(place, "", "a calibration was begun in this folder; add --resume to go on, or name another.")
     for part in ("options", "program"):
         if parts[part] != identity[part]:
             detail = f" ({parts[part]})" if part == "options" else ""
-            raise CaseError(file, part, f"{SAYS[part]}{detail}; name another folder to begin anew.")
+            raise CaseError(file, part, f"{SAYS[part]}{detail}; name another one to begin anew.")
+
+
+def read_identity(file: Path) -> dict[str, Any]:
+    """Return what a file says of the runs that it belongs to.
+
+    Raises:
+        CaseError: it cannot be read.
+    """
+    try:
+        found = json.loads(file.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        raise CaseError(file, "", "expected what a run writes there; it cannot be read.") from None
+    return found if isinstance(found, dict) else {}
+
+
+def _check_begun(file: Path, identity: dict[str, str], resume: bool) -> None:
+    found = read_identity(file)
+    if found.get("case") == identity["case"] and not resume:
+        place = f"{file.parent.name}/{IDENTITY_FILE}"
+        raise CaseError(place, "", "a run was begun in this folder; add --resume to go on, or name another.")
+    check_identity(file, found, identity)

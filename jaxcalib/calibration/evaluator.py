@@ -59,12 +59,12 @@ class Evaluator:
 
     def rounds_of(self, num_runs: int) -> int:
         """Return a number of runs near the wanted one in which each drive occurs equally often."""
-        per_round = len(self._interleaved_departs_s())
+        per_round = len(interleaved_departs_s(self._departs_s))
         return max(1, round(num_runs / per_round)) * per_round
 
     def requests(self, values: Float[np.ndarray, " parameter"], num_runs: int, offset: int = 0) -> list[RunRequest]:
         """Return the runs of one candidate."""
-        departs = self._interleaved_departs_s()
+        departs = interleaved_departs_s(self._departs_s)
         return [
             RunRequest(
                 values=tuple(float(value) for value in values),
@@ -90,10 +90,6 @@ class Evaluator:
         evaluations = gather([outcomes[i : i + num_runs] for i in range(0, len(outcomes), num_runs)], self._num_tallies)
         self._num_tallies = evaluations.tally.shape[2]
         return evaluations
-
-    def _interleaved_departs_s(self) -> list[float]:
-        """Return the departures in an order in which any few in a row differ."""
-        return sorted(set(self._departs_s)) if _is_even(self._departs_s) else list(self._departs_s)
 
 
 def gather(outcomes: list[list[RunOutcome]], num_tallies: int = 0) -> Evaluations:
@@ -128,6 +124,11 @@ class AllRunsFailedError(RuntimeError):
         """Keep message and log."""
         super().__init__(message)
         self.log_tail = log_tail
+
+
+def interleaved_departs_s(departs_s: tuple[float, ...]) -> list[float]:
+    """Return departures in an order in which any few in a row differ; runs take them in turn."""
+    return sorted(set(departs_s)) if _is_even(departs_s) else list(departs_s)
 
 
 def _is_even(departs_s: tuple[float, ...]) -> bool:

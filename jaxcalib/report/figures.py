@@ -1,21 +1,13 @@
-"""Figures of the report, as SVG text: the same bytes for the same result."""
+"""Figures of a calibration's report."""
 
-import io
-import re
 from collections.abc import Sequence
-from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from jaxcalib.calibration.record import CalibrationRecord
+from jaxcalib.report.drawing import AFTER, BEFORE, FIELD, NOISE, svg
 from jaxcalib.result import CalibrationResult
-
-BEFORE, AFTER, FIELD, NOISE = "#c0504d", "#1f6fb4", "#222222", "#d9d9d9"
-STYLE: dict[Any, Any] = {"svg.hashsalt": "jaxcalib", "svg.fonttype": "none", "font.size": 9.0, "axes.spines.top": False,
-         "axes.spines.right": False, "axes.titlesize": 10.0, "font.family": "sans-serif"}  # fmt: skip
 
 
 def errors_figure(result: CalibrationResult, role: str) -> str:
@@ -37,7 +29,7 @@ def errors_figure(result: CalibrationResult, role: str) -> str:
         axes.set_xlim(left=0.0)
         axes.legend(frameon=False, loc="lower right", fontsize=8)
 
-    return _svg(draw, 7.2, 0.42 * len(names) + 1.0)
+    return svg(draw, 7.2, 0.42 * len(names) + 1.0)
 
 
 def measures_figure(record: CalibrationRecord) -> str:
@@ -64,7 +56,7 @@ def measures_figure(record: CalibrationRecord) -> str:
         axes.set_xlabel("simulated less field, in standard deviations over drives and seeds")
         axes.legend(frameon=False, loc="upper right", fontsize=7)
 
-    return _svg(draw, 7.2, 0.155 * len(deviation) + 1.0)
+    return svg(draw, 7.2, 0.155 * len(deviation) + 1.0)
 
 
 def screening_figure(screening: dict[str, object]) -> str:
@@ -80,7 +72,7 @@ def screening_figure(screening: dict[str, object]) -> str:
         axes.set_yticks(place, [str(row["name"]) for row in rows])
         axes.set_xlabel("range of the mean accuracy over levels (Eq. 15); red: 95 % of what noise alone shows")
 
-    return _svg(draw, 7.2, 0.24 * len(rows) + 0.9)
+    return svg(draw, 7.2, 0.24 * len(rows) + 0.9)
 
 
 def course_figure(record: CalibrationRecord) -> str:
@@ -106,7 +98,7 @@ def course_figure(record: CalibrationRecord) -> str:
         axes.set_ylabel("accuracy")
         axes.legend(frameon=False, fontsize=7, loc="lower right")
 
-    return _svg(draw, 7.2, 3.2)
+    return svg(draw, 7.2, 3.2)
 
 
 def parameters_figure(record: CalibrationRecord, result: CalibrationResult) -> str:
@@ -137,7 +129,7 @@ def parameters_figure(record: CalibrationRecord, result: CalibrationResult) -> s
         axes.xaxis.set_visible(False)
         axes.spines[["left", "bottom"]].set_visible(False)
 
-    return _svg(draw, 7.2, 0.26 * len(space.names) + 0.4)
+    return svg(draw, 7.2, 0.26 * len(space.names) + 0.4)
 
 
 def timing_figure(result: CalibrationResult) -> str:
@@ -150,14 +142,4 @@ def timing_figure(result: CalibrationResult) -> str:
         axes.set_yticks(place, [name.replace("_", " ") for name in parts])
         axes.set_xlabel("s (compilation runs beside the initial values)")
 
-    return _svg(draw, 7.2, 0.22 * len(parts) + 0.8)
-
-
-def _svg(draw: object, width_in: float, height_in: float) -> str:
-    with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(width_in, height_in), layout="constrained")
-        draw(figure.add_subplot())  # pyright: ignore[reportCallIssue]
-        stream = io.StringIO()
-        figure.savefig(stream, format="svg", metadata={"Date": None, "Creator": None})
-    text = re.sub(r"\s*<metadata>.*?</metadata>", "", stream.getvalue(), flags=re.DOTALL)
-    return text[text.index("<svg") :]
+    return svg(draw, 7.2, 0.22 * len(parts) + 0.8)

@@ -1,12 +1,10 @@
 """Fills the report's template."""
 
-from pathlib import Path
-
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
 from jaxcalib.calibration.record import CalibrationRecord
 from jaxcalib.report import figures
+from jaxcalib.report.page import percent, render_page
 from jaxcalib.result import CalibrationResult
 
 TEMPLATE = "template.html.j2"
@@ -14,12 +12,10 @@ TEMPLATE = "template.html.j2"
 
 def report_html(record: CalibrationRecord, result: CalibrationResult) -> str:
     """Return the report: one file without scripts or anything from outside."""
-    environment = Environment(
-        loader=FileSystemLoader(Path(__file__).parent), autoescape=True, undefined=StrictUndefined, trim_blocks=True
-    )
     roles = [role for role in ("held_out", "fit") if result.moes["calibrated"].get(role)]
     problem = record.problem
-    return environment.get_template(TEMPLATE).render(
+    return render_page(
+        TEMPLATE,
         case=problem.case,
         result=result,
         seed=record.seed,
@@ -35,8 +31,7 @@ def report_html(record: CalibrationRecord, result: CalibrationResult) -> str:
         screening=Markup(figures.screening_figure(result.screening["stage2"])),
         course=Markup(figures.course_figure(record)),
         timing=Markup(figures.timing_figure(result)),
-        percent=_percent,
-        interval=lambda bounds: "" if bounds is None else f"{_percent(bounds[0])} to {_percent(bounds[1])}",
+        interval=lambda bounds: "" if bounds is None else f"{percent(bounds[0])} to {percent(bounds[1])}",
         number=lambda value: f"{value:.5g}",
     )
 
@@ -47,7 +42,7 @@ def verdict(result: CalibrationResult, role: str) -> str:
     after = result.vehicle_level_error["calibrated"][role]["value"]
     floor = result.vehicle_level_error["noise_floor"][role]["value"]
     drives = "drives that the calibration never saw" if role == "held_out" else "fitted drives (none was held out)"
-    sentence = f"On {drives} the vehicle-level error in SUMO goes from {_percent(before)} to {_percent(after)}"
+    sentence = f"On {drives} the vehicle-level error in SUMO goes from {percent(before)} to {percent(after)}"
     if before and after is not None:
         sentence += f" ({after / before - 1.0:+.0%})"
     if floor is None or after is None:
@@ -57,7 +52,7 @@ def verdict(result: CalibrationResult, role: str) -> str:
         for name, error in result.moes["calibrated"][role].items()
         if error is not None and error > (result.noise_floor_high[role].get(name) or 0.0)
     ]
-    sentence += f"; two sets of drives that differ in nothing but chance are {_percent(floor)} apart."
+    sentence += f"; two sets of drives that differ in nothing but chance are {percent(floor)} apart."
     worse = [
         name.replace("_", " ")
         for name, change in result.change[role].items()
@@ -79,7 +74,3 @@ def _drift(result: CalibrationResult) -> str:
         f"Accuracy of the traffic flow after Stage 1: {stage_1:.3f}, after Stage 2: {saga:.3f}, after the joint "
         f"polish: {polished:.3f}. Stage 2 {'has' if undid else 'has not'} undone Stage 1 beyond noise."
     )
-
-
-def _percent(value: float | None) -> str:
-    return "-" if value is None else f"{100.0 * value:.1f} %"
