@@ -10,13 +10,16 @@ if TYPE_CHECKING:
     from jaxcalib.errors import CaseError
     from jaxcalib.pipeline import calibrate
     from jaxcalib.result import CalibrationResult
+    from jaxcalib.sweeps.sweep import SweepResult, sweep
 
-__all__ = ["CalibrationResult", "CaseError", "calibrate"]
+__all__ = ["CalibrationResult", "CaseError", "SweepResult", "calibrate", "sweep"]
 
 _HOME = {
     "CalibrationResult": "jaxcalib.result",
     "CaseError": "jaxcalib.errors",
+    "SweepResult": "jaxcalib.sweeps.sweep",
     "calibrate": "jaxcalib.pipeline",
+    "sweep": "jaxcalib.sweeps.sweep",
 }
 
 

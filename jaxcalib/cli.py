@@ -2,13 +2,15 @@
 
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 from cyclopts import App, Parameter
 from cyclopts.validators import Number
 
 EXIT_CASE_WRONG = 2
 EXIT_SIMULATOR_FAILED = 3
+EXIT_RESOURCE = 4
+EXIT_STOPPED = 130
 LOG_FILE = "simulator.log"
 
 app = App(name="jaxcalib", help="Calibrate SUMO traffic around automated vehicles from their logs.")
@@ -67,7 +69,7 @@ def calibrate(
         return EXIT_SIMULATOR_FAILED
     except KeyboardInterrupt:
         print(f"jaxcalib: stopped; go on with: jaxcalib calibrate {case} --out {out} --resume", file=sys.stderr)
-        return 130
+        return EXIT_STOPPED
     if not quiet:
         print(summary(result, out))
     return 0
@@ -130,6 +132,65 @@ def effects() -> int:
 
     print_effects()
     return 0
+
+
+@app.command
+def sweep(
+    case: Path | None = None,
+    /,
+    *,
+    out: Path,
+    design: str = "sobol:1024",
+    seeds: Annotated[int, Parameter(validator=Number(gte=1))] = 4,
+    engine: Literal["surrogate", "sumo"] = "surrogate",
+    seed: Annotated[int, Parameter(validator=Number(gte=0, lte=2000))] = 0,
+    parameters: Annotated[tuple[str, ...] | None, Parameter(consume_multiple=True, negative="")] = None,
+    settings: Path | None = None,
+    shard: str | None = None,
+    merge: Annotated[bool, Parameter(negative="")] = False,
+    cluster: str | None = None,
+    resume: Annotated[bool, Parameter(negative="")] = False,
+    quiet: Annotated[bool, Parameter(negative="")] = False,
+) -> int:
+    """Run many parameter sets on several seeds each, and keep every run as a row of a table.
+
+    The same command goes on with a sweep that was stopped. Leaves the table, and beside it a .json and a .html file.
+
+    Parameters
+    ----------
+    case
+        Folder with case.toml, the SUMO scenario and the logs.
+    out
+        The table to write; its name ends in .parquet.
+    design
+        sobol:N, latin-hypercube:N, grid:LEVELS, orthogonal-array:LEVELS, or a table of your own (.csv, .parquet).
+    seeds
+        Runs of each candidate; all candidates have the same seeds.
+    engine
+        Simulator: surrogate or sumo.
+    seed
+        Seed of all random numbers.
+    parameters
+        Names of the parameters that vary; all of them unless given. The others keep the scenario's values.
+    settings
+        TOML file with bounds (docs/settings.md).
+    shard
+        Part that this job makes, for example 3/8; all jobs share the folder of --out. Then --merge.
+    merge
+        Check that nothing is missing of what the jobs have made, and write the table.
+    cluster
+        Address of a dask scheduler whose workers make the runs.
+    resume
+        Insist on a sweep that was begun.
+    quiet
+        Say nothing but errors.
+    """
+    from jaxcalib.sweeps.command import SweepOptions, run_sweep
+
+    options = SweepOptions(
+        case, out, design, seeds, engine, seed, parameters, settings, shard, merge, cluster, resume, quiet
+    )
+    return run_sweep(options)
 
 
 def main() -> None:

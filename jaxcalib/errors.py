@@ -1,4 +1,4 @@
-"""The error that says what is wrong with a case, in one line."""
+"""Errors that users meet, each in one line: a wrong case, or something outside the program that gave out."""
 
 from pathlib import Path
 
@@ -27,6 +27,13 @@ class CaseError(ValueError):
         name = shorten(self.file, LONGEST_PART)
         where = f"{name}: {shorten(self.place, 2 * LONGEST_PART)}" if self.place else name
         return shorten(f"{where}: {self.expected}", LONGEST_MESSAGE)
+
+
+class ResourceError(RuntimeError):
+    """Something outside the program gave out: a disk, a cluster; the command ends with exit code 4.
+
+    The message is one line that says what happened, what is kept, and how to go on.
+    """
 
 
 def shorten(text: str, longest: int = LONGEST_PART) -> str:

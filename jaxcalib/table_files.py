@@ -104,6 +104,24 @@ def read_columns(file: Path, columns: Mapping[str, Kind], limit: SizeLimit | Non
     return ColumnTable(file, numbers, texts, table.num_rows, extra)
 
 
+def column_names(file: Path) -> list[str]:
+    """Return the names of a table's columns.
+
+    Args:
+        file: .csv, .csv.gz or .parquet.
+
+    Raises:
+        CaseError: the file cannot be read.
+    """
+    try:
+        if file.name.lower().endswith(".parquet"):
+            return list(pyarrow.parquet.read_schema(file).names)
+        return _csv_header(file, {}, SizeLimit())
+    except (OSError, EOFError, zlib.error, pa.ArrowException) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise CaseError(file, "", f"expected a file that can be read: {shorten(reason, 150)}.") from None
+
+
 class _BoundedStream(io.RawIOBase):
     """A stream that stops with an error once it has given too much."""
 

@@ -1,0 +1,141 @@
+"""Blocks of a sweep on the workers of a dask.distributed cluster.
+
+A worker that dies takes its tasks with it; the scheduler gives them to another. The rows of a block are written here,
+by one process, when its task is done: whatever workers do, no row is lost or there twice.
+"""
+
+import asyncio
+import io
+import tarfile
+import time
+from collections.abc import Iterable, Iterator
+from typing import Any
+
+from distributed import Client, Future, KilledWorker, as_completed
+
+from jaxcalib.errors import CaseError, ResourceError
+from jaxcalib.problem import CalibrationProblem
+from jaxcalib.sweeps import cluster_worker
+from jaxcalib.sweeps.local_engines import Done, checked_disk
+from jaxcalib.sweeps.plan import Engine, SweepPlan
+
+ANSWER_S = 15.0  # a scheduler that takes longer does not answer
+WORKERS_S = 60.0  # the longest that a cluster may be without any worker
+TASKS_PER_WORKER = 2  # one at work, one waiting
+KEPT = "Rows made so far are kept; give the same command again to go on."
+
+
+class ClusterEngine:
+    """Sends blocks to a cluster."""
+
+    def __init__(self, address: str, problem: CalibrationProblem, engine: Engine, identity: dict[str, str]) -> None:
+        """Connect.
+
+        Args:
+            address: of the scheduler, for example tcp://10.0.0.1:8786.
+            problem: the problem; its case is sent along.
+            engine: name of the simulator.
+            identity: what rows depend on; workers check that they have the same program.
+
+        Raises:
+            ResourceError: nobody answers there, or no worker comes.
+        """
+        self._address = address
+        self._engine = engine
+        self._identity = identity
+        self._case = archive_of(problem)
+        try:
+            self._client = Client(address, timeout=ANSWER_S, set_as_default=False)
+        except (OSError, ValueError, asyncio.TimeoutError) as error:
+            reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+            raise ResourceError(f"--cluster {address}: expected a dask scheduler that answers; {reason}.") from None
+        self._wait_for_workers()
+
+    def outcomes(self, plan: SweepPlan, blocks: Iterable[int]) -> Iterator[Done]:
+        """Make all runs of blocks and yield each block when it is done.
+
+        Raises:
+            ResourceError: the cluster is gone, or a block has killed one worker after another.
+            CaseError: a worker has another version of the program.
+        """
+        waiting = iter(blocks)
+        case = self._client.submit(cluster_worker.keep, self._case, pure=False)
+        block_of: dict[str, int] = {}
+        done = as_completed([], raise_errors=False)
+
+        def send_more() -> None:
+            most = TASKS_PER_WORKER * max(1, self._num_workers())
+            while len(block_of) < most and (block := next(waiting, None)) is not None:
+                task = self._client.submit(
+                    cluster_worker.run_block, case, self._identity, self._engine, plan.requests(block), pure=False
+                )
+                block_of[task.key] = block
+                done.add(task)
+
+        send_more()
+        while block_of:
+            task = self._next(done)
+            block = block_of.pop(task.key)
+            made = self._result(task, block)
+            task.release()
+            send_more()
+            yield block, checked_disk(made)
+
+    def close(self) -> None:
+        """Leave the cluster; tasks that wait there are dropped."""
+        self._client.close(timeout=5)
+
+    def _next(self, done: as_completed) -> Future:
+        """Wait for a task; watch that there is somebody to do it."""
+        alone_since = None
+        while True:
+            try:
+                return done.next(timeout=1.0)  # pyright: ignore[reportReturnType]
+            except (TimeoutError, asyncio.TimeoutError):
+                pass
+            if self._client.status != "running":
+                raise ResourceError(f"--cluster {self._address}: the scheduler is gone. {KEPT}")
+            if self._num_workers():
+                alone_since = None
+                continue
+            alone_since = alone_since or time.monotonic()
+            if time.monotonic() - alone_since > WORKERS_S:
+                raise ResourceError(f"--cluster {self._address}: no worker for {WORKERS_S:.0f} s. {KEPT}")
+
+    def _result(self, task: Future, block: int) -> Any:
+        if task.status == "finished":
+            return task.result(timeout=ANSWER_S)
+        if task.status in ("cancelled", "lost"):
+            raise ResourceError(f"--cluster {self._address}: the scheduler is gone or has dropped a task. {KEPT}")
+        error = task.exception(timeout=ANSWER_S)
+        if isinstance(error, CaseError | ResourceError):
+            raise error
+        if isinstance(error, KilledWorker):
+            raise ResourceError(
+                f"--cluster {self._address}: block {block} has killed one worker after another; memory? {KEPT}"
+            )
+        if isinstance(error, ImportError):
+            raise ResourceError(
+                f"--cluster {self._address}: a worker cannot import jaxcalib ({error}); install the same version there."
+            )
+        raise error if error is not None else RuntimeError(f"a task of block {block} is {task.status}")
+
+    def _wait_for_workers(self) -> None:
+        try:
+            self._client.wait_for_workers(1, timeout=WORKERS_S)
+        except (TimeoutError, asyncio.TimeoutError):
+            self._client.close(timeout=5)
+            raise ResourceError(f"--cluster {self._address}: no worker within {WORKERS_S:.0f} s.") from None
+
+    def _num_workers(self) -> int:
+        return len(self._client.scheduler_info(n_workers=-1)["workers"])
+
+
+def archive_of(problem: CalibrationProblem) -> bytes:
+    """Return a case's folder as one piece, for workers that may not see this machine's disks."""
+    stream = io.BytesIO()
+    with tarfile.open(fileobj=stream, mode="w") as archive:
+        for file in sorted(problem.case.folder.rglob("*")):
+            if file.is_file():
+                archive.add(file, str(file.relative_to(problem.case.folder)))
+    return stream.getvalue()
