@@ -4,14 +4,14 @@ A worker that dies takes its tasks with it; the scheduler gives them to another.
 by one process, when its task is done: whatever workers do, no row is lost or there twice.
 """
 
-import asyncio
 import io
+import queue
 import tarfile
 import time
 from collections.abc import Iterable, Iterator
-from typing import Any
+from typing import Any, cast
 
-from distributed import Client, Future, KilledWorker, as_completed
+from distributed import Client, Future, KilledWorker
 
 from jaxcalib.errors import CaseError, ResourceError
 from jaxcalib.problem import CalibrationProblem
@@ -46,7 +46,7 @@ class ClusterEngine:
         self._case = archive_of(problem)
         try:
             self._client = Client(address, timeout=ANSWER_S, set_as_default=False)
-        except (OSError, ValueError, asyncio.TimeoutError) as error:
+        except (OSError, ValueError) as error:
             reason = str(error).splitlines()[0] if str(error) else type(error).__name__
             raise ResourceError(f"--cluster {address}: expected a dask scheduler that answers; {reason}.") from None
         self._wait_for_workers()
@@ -60,8 +60,8 @@ class ClusterEngine:
         """
         waiting = iter(blocks)
         case = self._client.submit(cluster_worker.keep, self._case, pure=False)
-        block_of: dict[str, int] = {}
-        done = as_completed([], raise_errors=False)
+        block_of: dict[object, int] = {}
+        done: queue.SimpleQueue[Future] = queue.SimpleQueue()
 
         def send_more() -> None:
             most = TASKS_PER_WORKER * max(1, self._num_workers())
@@ -70,7 +70,7 @@ class ClusterEngine:
                     cluster_worker.run_block, case, self._identity, self._engine, plan.requests(block), pure=False
                 )
                 block_of[task.key] = block
-                done.add(task)
+                task.add_done_callback(done.put)
 
         send_more()
         while block_of:
@@ -85,13 +85,13 @@ class ClusterEngine:
         """Leave the cluster; tasks that wait there are dropped."""
         self._client.close(timeout=5)
 
-    def _next(self, done: as_completed) -> Future:
+    def _next(self, done: "queue.SimpleQueue[Future]") -> Future:
         """Wait for a task; watch that there is somebody to do it."""
         alone_since = None
         while True:
             try:
-                return done.next(timeout=1.0)  # pyright: ignore[reportReturnType]
-            except (TimeoutError, asyncio.TimeoutError):
+                return done.get(timeout=1.0)
+            except queue.Empty:
                 pass
             if self._client.status != "running":
                 raise ResourceError(f"--cluster {self._address}: the scheduler is gone. {KEPT}")
@@ -107,7 +107,7 @@ class ClusterEngine:
             return task.result(timeout=ANSWER_S)
         if task.status in ("cancelled", "lost"):
             raise ResourceError(f"--cluster {self._address}: the scheduler is gone or has dropped a task. {KEPT}")
-        error = task.exception(timeout=ANSWER_S)
+        error = cast(BaseException | None, task.exception(timeout=ANSWER_S))
         if isinstance(error, CaseError | ResourceError):
             raise error
         if isinstance(error, KilledWorker):
@@ -123,7 +123,7 @@ class ClusterEngine:
     def _wait_for_workers(self) -> None:
         try:
             self._client.wait_for_workers(1, timeout=WORKERS_S)
-        except (TimeoutError, asyncio.TimeoutError):
+        except TimeoutError:
             self._client.close(timeout=5)
             raise ResourceError(f"--cluster {self._address}: no worker within {WORKERS_S:.0f} s.") from None
 

@@ -10,6 +10,8 @@ import tempfile
 import threading
 from pathlib import Path
 
+from distributed import get_worker
+
 from jaxcalib.case import read_case
 from jaxcalib.engines import prepare_devices, sumo_engine
 from jaxcalib.errors import CaseError
@@ -59,7 +61,7 @@ def _prepared(case: bytes, identity: dict[str, str], engine: Engine) -> RoomySur
             "cluster", f"worker {os.uname().nodename}", "expected the version of program and libraries that the sweep "
             "was begun with; install the same there.",
         )  # fmt: skip
-    num_cores = len(os.sched_getaffinity(0))
+    num_cores = min(len(os.sched_getaffinity(0)), get_worker().state.nthreads)
     prepare_devices(num_cores)
     problem = read_problem(folder)
     if engine == "surrogate":
@@ -67,6 +69,6 @@ def _prepared(case: bytes, identity: dict[str, str], engine: Engine) -> RoomySur
     # Nannies start workers as daemons, which must not have children. SUMO's processes end with their parent by
     # themselves, which is what that rule is for.
     multiprocessing.current_process().daemon = False
-    simulator = sumo_engine(problem)
+    simulator = sumo_engine(problem, num_cores)
     atexit.register(simulator.close)
     return simulator
