@@ -1,9 +1,76 @@
-"""sweep.json and the page beside a sweep's table."""
+"""The .json and the page beside a sweep's table."""
 
+import json
+from collections import Counter
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
+import numpy as np
+import pyarrow.parquet as pq
+from markupsafe import Markup
+
+from jaxcalib.calibration.accuracy import MEASURE_OF
+from jaxcalib.journal import write_atomically
 from jaxcalib.problem import CalibrationProblem
+from jaxcalib.report.page import render_page
+from jaxcalib.sweeps.columns import OBSERVATIONS
+from jaxcalib.sweeps.figures import dependence_figure, influence_figure
+from jaxcalib.sweeps.influence import candidate_means, rank_correlation
+from jaxcalib.sweeps.store import SweepStore
+
+SHOWN = tuple(dict.fromkeys(MEASURE_OF.values()))  # measures that calibrations are judged by
+OTHER_COLUMNS = ["candidate", "status", "num_collisions", "num_teleports", "backlog_share", "wall_s"]
+LARGE_BACKLOG = 0.05
 
 
 def write_report(table: Path, problem: CalibrationProblem | None) -> None:
-    """Write them."""
+    """Write what was swept, in numbers and in pictures, beside the table.
+
+    Args:
+        table: the complete table.
+        problem: for the field's values; None leaves them out.
+    """
+    description = SweepStore(table).description()
+    column_of = {name: one["column"] for name, one in description["parameters"].items() if one["varied"]}
+    columns = [*OTHER_COLUMNS, *column_of.values(), *SHOWN, *(OBSERVATIONS + name for name in SHOWN)]
+    read = pq.ParquetFile(table).read(columns)
+    rows = {name: read[name].to_numpy() for name in columns}
+    summary = summarise(rows)
+    text = json.dumps(description | {"summary": summary}, indent=1) + "\n"
+    write_atomically(table.with_suffix(".json"), lambda stream: stream.write(text.encode()))
+    means = candidate_means(rows, column_of, SHOWN)
+    correlation = rank_correlation(means)
+    is_known = bool(np.isfinite(correlation).any())
+    page = render_page(
+        "sweep.html.j2",
+        description=description,
+        summary=summary,
+        influence=Markup(influence_figure(means, correlation)) if is_known else "",
+        dependence=Markup(dependence_figure(means, correlation, field_values(problem))) if is_known else "",
+        number=lambda value: f"{value:.5g}",
+    )
+    write_atomically(table.with_suffix(".html"), lambda stream: stream.write(page.encode()))
+
+
+def summarise(rows: Mapping[str, np.ndarray]) -> dict[str, Any]:
+    """Return what became of the runs, counted.
+
+    Args:
+        rows: columns of a sweep's table.
+    """
+    return {
+        "statuses": dict(Counter(rows["status"].tolist()).most_common()),
+        "runs_with_collisions": int((rows["num_collisions"] > 0).sum()),
+        "runs_with_teleports": int((rows["num_teleports"] > 0).sum()),
+        "runs_with_backlog_above_5_percent": int((rows["backlog_share"] > LARGE_BACKLOG).sum()),
+        "computing_s": round(float(np.nansum(rows["wall_s"])), 1),
+    }
+
+
+def field_values(problem: CalibrationProblem | None) -> dict[str, float]:
+    """Return the field's value of each measure, drives to fit pooled; nothing where there is no problem."""
+    if problem is None:
+        return {}
+    tally = dict(zip(problem.tally_names, problem.field_of("fit").sum(axis=0), strict=True))
+    return {name: problem.measures[name].value(tally).value for name in SHOWN}
