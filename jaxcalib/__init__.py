@@ -11,15 +11,19 @@ if TYPE_CHECKING:
     from jaxcalib.pipeline import calibrate
     from jaxcalib.result import CalibrationResult
     from jaxcalib.sweeps.sweep import SweepResult, sweep
+    from jaxcalib.validation.result import ValidationResult
+    from jaxcalib.validation.validate import validate
 
-__all__ = ["CalibrationResult", "CaseError", "SweepResult", "calibrate", "sweep"]
+__all__ = ["CalibrationResult", "CaseError", "SweepResult", "ValidationResult", "calibrate", "sweep", "validate"]
 
 _HOME = {
     "CalibrationResult": "jaxcalib.result",
     "CaseError": "jaxcalib.errors",
     "SweepResult": "jaxcalib.sweeps.sweep",
+    "ValidationResult": "jaxcalib.validation.result",
     "calibrate": "jaxcalib.pipeline",
     "sweep": "jaxcalib.sweeps.sweep",
+    "validate": "jaxcalib.validation.validate",
 }
 
 

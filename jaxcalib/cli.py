@@ -193,6 +193,47 @@ def sweep(
     return run_sweep(options)
 
 
+@app.command
+def validate(
+    case: Path,
+    run: Path,
+    /,
+    *,
+    out: Path | None = None,
+    seeds: Annotated[int, Parameter(validator=Number(gte=3, lte=1000))] = 20,
+    drives: Literal["held_out", "fit"] | None = None,
+    counts: Path | None = None,
+    resume: Annotated[bool, Parameter(negative="")] = False,
+    quiet: Annotated[bool, Parameter(negative="")] = False,
+) -> int:
+    """Judge a calibrated result by the field, in SUMO alone: every criterion with its standard, pass or fail.
+
+    Leaves validation.json and validation.html. The exit code does not depend on whether criteria pass.
+
+    Parameters
+    ----------
+    case
+        Folder with case.toml, the SUMO scenario and the logs.
+    run
+        Folder that `jaxcalib calibrate` has left.
+    out
+        Folder for the results; RUN/validation unless given.
+    seeds
+        Rounds of drives: each drive is run once in each.
+    drives
+        Role of the drives to judge by: held_out or fit; held-out drives where there are any.
+    counts
+        Table of counted vehicles (docs/validation.md); GEH and FHWA 2019 need one.
+    resume
+        Go on with a validation that was stopped.
+    quiet
+        Say nothing but errors.
+    """
+    from jaxcalib.validation.command import ValidateOptions, run_validation
+
+    return run_validation(ValidateOptions(case, run, out, seeds, drives, counts, resume, quiet))
+
+
 def main() -> None:
     """Run the command line."""
     sys.exit(app())

@@ -6,7 +6,7 @@ import numpy as np
 
 from jaxcalib.problem import FRAME_INTERVAL_S, CalibrationProblem
 from sim_adapters.jax_simulator import JaxSimulator
-from sim_adapters.sumo_simulator import SensorRange, SumoSimulator
+from sim_adapters.sumo_simulator import FrameFold, SensorRange, SumoSimulator
 from sim_adapters.units import METRES_PER_KILOMETRE
 from surrogate.perception import Sensor
 from surrogate.step import Clock
@@ -54,13 +54,21 @@ def surrogate_engine(
     )
 
 
-def sumo_engine(problem: CalibrationProblem, num_processes: int | None = None) -> SumoSimulator:
-    """Return SUMO for a problem; close it after use."""
+def sumo_engine(
+    problem: CalibrationProblem, num_processes: int | None = None, fold: FrameFold | None = None
+) -> SumoSimulator:
+    """Return SUMO for a problem; close it after use.
+
+    Args:
+        problem: the problem.
+        num_processes: workers; one for each core unless given.
+        fold: turns the frames of a drive into numbers; the problem's unless given.
+    """
     perception = problem.case.perception
     return SumoSimulator(
         scenario=problem.scenario,
         layout=problem.layout,
-        fold=problem.fold,
+        fold=fold or problem.fold,
         sensor=SensorRange(perception.ahead_m, perception.behind_m),
         subject_vehicle=problem.parts.subject.vehicle,
         frame_interval_s=FRAME_INTERVAL_S,

@@ -102,8 +102,8 @@ class CalibrationResult(msgspec.Struct, frozen=True):
     format: int = FORMAT
 
 
-def to_json(result: CalibrationResult) -> str:
-    """Return result.json: sorted as declared, numbers that are not finite as null."""
+def to_json(result: msgspec.Struct) -> str:
+    """Return a result with a format as JSON: sorted as declared, numbers that are not finite as null."""
     plain = msgspec.to_builtins(result)
     ordered = {"format": plain.pop("format"), **plain}
     return msgspec.json.format(msgspec.json.encode(_finite(ordered)), indent=1).decode() + "\n"

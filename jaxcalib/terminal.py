@@ -17,6 +17,7 @@ STAGE_NAMES = {
     "stage2_optimisation": "Stage 2: SAGA and joint polish",
     "confirmation": "confirmation in SUMO",
     "final_errors": "errors on unseen seeds in SUMO",
+    "validation": "runs in SUMO",
     "report": "report",
 }
 PLAIN_INTERVAL_S = 30.0

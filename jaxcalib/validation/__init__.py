@@ -1,0 +1,1 @@
+"""Validation: a calibrated result against the field, in SUMO alone, by named standards."""

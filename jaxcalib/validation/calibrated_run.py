@@ -1,0 +1,93 @@
+"""What a calibration has left in RUN, as far as a validation needs it."""
+
+import json
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from jaxcalib.errors import CaseError, quote
+from jaxcalib.problem import CalibrationProblem
+from jaxcalib.run_folder import IDENTITY_FILE, identify
+from jaxcalib.validation.criterion import FORMAT
+
+RESULT_FILE = "result.json"
+
+
+@dataclass(frozen=True)
+class CalibratedRun:
+    """A calibrated result.
+
+    Attributes:
+        values: parameter values in the order of the layout.
+        first_seed: first seed of the calibration that made it.
+        warnings: how the case has changed since.
+    """
+
+    values: tuple[float, ...]
+    first_seed: int
+    warnings: tuple[str, ...]
+
+
+def read_calibrated_run(run: Path, problem: CalibrationProblem) -> CalibratedRun:
+    """Return the calibrated values of RUN.
+
+    Args:
+        run: the folder that a calibration has left.
+        problem: the case that is to be validated.
+
+    Raises:
+        CaseError: there is no result, it is of another format, or its parameters are not those of the case.
+    """
+    file = run / RESULT_FILE
+    try:
+        found = json.loads(file.read_text(encoding="utf-8"))
+    except OSError:
+        raise CaseError(
+            file, "", f"expected the result of a calibration in {quote(str(run))}; there is none."
+        ) from None
+    except ValueError:
+        raise CaseError(file, "", "expected the result of a calibration; it cannot be read.") from None
+    if not isinstance(found, dict) or found.get("format") != FORMAT:
+        raise CaseError(file, "format", f"expected {FORMAT}, the format that this version reads.")
+    layout = problem.layout
+    parameters = found.get("parameters")
+    parameters = parameters if isinstance(parameters, dict) else {}
+    demand = _numbers(file, "demand", parameters.get("demand"), layout.input_ids)
+    of_vtypes = parameters.get("behaviour")
+    of_vtypes = of_vtypes if isinstance(of_vtypes, dict) else {}
+    if set(of_vtypes) != set(layout.vtypes):
+        known = ", ".join(layout.vtypes)
+        raise CaseError(file, "parameters.behaviour", f"expected the vTypes of the case, {known}; a result of another?")
+    behaviour = _numbers(file, "behaviour", of_vtypes[layout.vtypes[0]], layout.attributes)
+    return CalibratedRun((*demand, *behaviour), _first_seed(found), _changes(run, problem))
+
+
+def _numbers(file: Path, place: str, table: Any, names: tuple[str, ...]) -> tuple[float, ...]:
+    if not isinstance(table, dict) or set(table) != set(names):
+        raise CaseError(
+            file, f"parameters.{place}", f"expected those of the case, {', '.join(names)}; is this a result of another?"
+        )
+    for name in names:
+        value = table[name]
+        if not isinstance(value, int | float) or isinstance(value, bool) or not math.isfinite(value):
+            raise CaseError(file, f"parameters.{place}.{name}", f"expected a number, got {quote(value)}.")
+    return tuple(float(table[name]) for name in names)
+
+
+def _first_seed(found: dict[str, Any]) -> int:
+    seeds = found.get("seeds")
+    seed = seeds.get("search", 0) if isinstance(seeds, dict) else 0
+    return int(seed) if isinstance(seed, int) else 0
+
+
+def _changes(run: Path, problem: CalibrationProblem) -> tuple[str, ...]:
+    """Say how the case differs from the one that was calibrated: other drives are a fair test, but must be known."""
+    file = run / IDENTITY_FILE
+    try:
+        begun = json.loads(file.read_text(encoding="utf-8"))["case"]
+    except (OSError, ValueError, KeyError, TypeError):
+        return (f"{run.name}/{IDENTITY_FILE} cannot be read; whether the case is the one calibrated is not known.",)
+    if begun == identify(problem.case, {})["case"]:
+        return ()
+    return ("The case's files are not those that the calibration saw; drives to fit may be others now.",)

@@ -1,0 +1,53 @@
+"""Figures of a validation."""
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from jaxcalib.report.drawing import AFTER, BEFORE, FIELD, NOISE, svg
+from jaxcalib.validation.result import ValidationResult
+
+CLIP = 4.0  # half widths of the interval
+
+
+def measures_figure(result: ValidationResult) -> str:
+    """Return the field's value of each measure within the interval that rounds of simulated drives predict."""
+    names, places = [], []
+    for name, one in result.measures.items():
+        if one["p_value"] is None or one["interval_90"] is None:
+            continue
+        low, high = one["interval_90"]
+        if high > low:
+            names.append(name)
+            places.append((one["field"] - one["simulated"]) / (0.5 * (high - low)))
+    height = np.arange(len(names))[::-1]
+    beyond = np.asarray([bool(result.measures[name]["is_beyond_chance"]) for name in names], bool)
+    clipped = np.clip(np.asarray(places, float), -CLIP, CLIP)
+
+    def draw(axes: Axes) -> None:
+        axes.axvspan(-1.0, 1.0, color=NOISE, alpha=0.6, lw=0, label="90 % of rounds of simulated drives")
+        axes.axvline(0.0, color=FIELD, lw=0.6)
+        axes.plot(clipped[~beyond], height[~beyond], "o", color=AFTER, ms=3.5, label="field")
+        axes.plot(clipped[beyond], height[beyond], "o", color=BEFORE, ms=4.5, label="field, beyond chance (Holm)")
+        axes.set_yticks(height, names, fontsize=6)
+        axes.set_xlim(-CLIP - 0.2, CLIP + 0.2)
+        axes.set_ylim(-1, len(names))
+        axes.set_xlabel("field less simulated mean, in half widths of the interval")
+        axes.legend(frameon=False, loc="upper right", fontsize=7)
+
+    return svg(draw, 7.2, 0.125 * len(names) + 1.2)
+
+
+def distances_figure(result: ValidationResult) -> str:
+    """Return distances of distributions and errors of trajectories, as multiples of what chance allows."""
+    found = {name: one["wasserstein"] for name, one in result.distributions.items()} | result.trajectories
+    rows = {name: one["value"] / one["limit"] for name, one in found.items() if one["value"] and one["limit"]}
+    height = np.arange(len(rows))[::-1]
+
+    def draw(axes: Axes) -> None:
+        colors = [BEFORE if value > 1.0 else AFTER for value in rows.values()]
+        axes.barh(height, list(rows.values()), 0.7, color=colors)
+        axes.axvline(1.0, color=FIELD, lw=1.0)
+        axes.set_yticks(height, [name.replace("_", " ") for name in rows])
+        axes.set_xlabel("distance from the field, 1 = what a round of simulated drives exceeds in 5 % of the cases")
+
+    return svg(draw, 7.2, 0.26 * len(rows) + 0.9)

@@ -1,0 +1,86 @@
+"""What one more set of drives would show, from rounds of simulated ones; and Holm's correction for many tests."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from scipy import stats
+
+PROBABILITY = 0.9
+FEWEST_ROUNDS = 3
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """A quantity over rounds.
+
+    Attributes:
+        mean: mean over rounds.
+        lower: lower bound of the 90 % interval of one more round.
+        upper: upper bound.
+        mean_lower: lower bound of the 90 % interval of the mean.
+        mean_upper: upper bound.
+        p_value: how often one more round would be as far from the mean as the field; nan where that is not known.
+    """
+
+    mean: float
+    lower: float
+    upper: float
+    mean_lower: float
+    mean_upper: float
+    p_value: float
+
+
+def predict(rounds: Float[np.ndarray, " round"], field: float) -> Prediction | None:
+    """Return the prediction for one more round; None for fewer than three.
+
+    Args:
+        rounds: one value per round of drives; nan where a round shows nothing.
+        field: what the field shows.
+
+    Source: prediction interval for a normal quantity, Hahn & Meeker (1991), Statistical Intervals, sec. 4.7.
+    """
+    known = rounds[np.isfinite(rounds)]
+    count = len(known)
+    if count < FEWEST_ROUNDS:
+        return None
+    mean, spread = float(known.mean()), float(known.std(ddof=1))
+    quantile = float(stats.t.ppf(0.5 + 0.5 * PROBABILITY, count - 1))
+    of_one, of_mean = spread * np.sqrt(1.0 + 1.0 / count), spread / np.sqrt(count)
+    if not np.isfinite(field):
+        p_value = float("nan")
+    elif spread > 0.0:
+        p_value = float(2.0 * stats.t.sf(abs(field - mean) / of_one, count - 1))
+    else:
+        p_value = 1.0 if np.isclose(field, mean) else 0.0
+    return Prediction(
+        mean,
+        mean - quantile * of_one,
+        mean + quantile * of_one,
+        mean - quantile * of_mean,
+        mean + quantile * of_mean,
+        p_value,
+    )
+
+
+def upper_limit(rounds: Float[np.ndarray, " round"]) -> float:
+    """Return what one more round of a positive, log-normal quantity exceeds in 5 % of cases; nan for too few rounds."""
+    known = rounds[np.isfinite(rounds) & (rounds > 0.0)]
+    if len(known) < FEWEST_ROUNDS:
+        return float("nan")
+    logs = np.log(known)
+    quantile = float(stats.t.ppf(0.95, len(known) - 1))
+    return float(np.exp(logs.mean() + quantile * logs.std(ddof=1) * np.sqrt(1.0 + 1.0 / len(known))))
+
+
+def holm(p_values: Float[np.ndarray, " test"]) -> Float[np.ndarray, " test"]:
+    """Return p values corrected for their number; nan stays nan.
+
+    Source: Holm (1979), Scand. J. Statist. 6.
+    """
+    adjusted = np.full(len(p_values), np.nan)
+    known = np.flatnonzero(np.isfinite(p_values))
+    order = known[np.argsort(p_values[known], kind="stable")]
+    factors = len(order) - np.arange(len(order))
+    adjusted[order] = np.minimum(np.maximum.accumulate(p_values[order] * factors), 1.0) if len(order) else []
+    return adjusted

@@ -1,0 +1,234 @@
+"""One call validates a calibrated result against the field, in SUMO alone."""
+
+import os
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from jaxcalib.calibration.accuracy import VEHICLE_LEVEL_SUM
+from jaxcalib.calibration.evaluator import AllRunsFailedError
+from jaxcalib.calibration.final_errors import FinalErrors, FinalRuns, final_errors
+from jaxcalib.case import Role
+from jaxcalib.disk import writing_to
+from jaxcalib.engines import prepare_devices, sumo_engine
+from jaxcalib.errors import CaseError
+from jaxcalib.journal import JournaledSumo
+from jaxcalib.problem import FRAME_INTERVAL_S, CalibrationProblem, read_problem
+from jaxcalib.progress import Progress, Silent
+from jaxcalib.provenance import commit, versions
+from jaxcalib.result import SimulationHealth, rounded, to_json
+from jaxcalib.run_folder import RunFolder, identify, open_run_folder
+from jaxcalib.validation.calibrated_run import CalibratedRun, read_calibrated_run
+from jaxcalib.validation.comparison import (
+    compare_distributions,
+    compare_measures,
+    compare_trajectories,
+    travel_time_table,
+)
+from jaxcalib.validation.judgement import (
+    comparison_criteria,
+    criteria_without_counts,
+    error_criteria,
+    health_criteria,
+    travel_time_criterion,
+)
+from jaxcalib.validation.observer import DriveObserver, ObservedDrives
+from jaxcalib.validation.prediction import FEWEST_ROUNDS
+from jaxcalib.validation.report import validation_html
+from jaxcalib.validation.result import ValidationResult
+from jaxcalib.validation.volumes import Volume
+from sim_adapters.interface import RunOutcome, RunRequest
+
+VALIDATION_SEED = 500_000  # beyond those of the calibration's own runs
+MOST_SEEDS = 1000
+FOLDER = "validation"
+
+
+def validate(
+    case: Path | str,
+    run: Path | str,
+    out: Path | str | None = None,
+    *,
+    seeds: int = 20,
+    drives: Literal["held_out", "fit"] | None = None,
+    counts: Path | str | None = None,
+    resume: bool = False,
+    progress: Progress | None = None,
+) -> ValidationResult:
+    """Judge a calibrated result by the field's drives, in SUMO, on seeds that the calibration has not seen.
+
+    Args:
+        case: the case's folder.
+        run: RUN, the folder that the calibration has left.
+        out: folder for validation.json, validation.html and the journal; RUN/validation unless given.
+        seeds: rounds of drives; each drive is run once in each, on a seed of its own.
+        drives: role of the drives that it is judged by; held-out drives where there are any unless given.
+        counts: table of counted vehicles, for GEH and the criteria of FHWA 2019.
+        resume: go on with a validation that was stopped.
+        progress: told how far it is.
+
+    Returns:
+        The result, as in validation.json.
+
+    Raises:
+        CaseError: the case, RUN or the folder is wrong; one line says what.
+        AllRunsFailedError: hardly any run succeeded.
+        ResourceError: the disk is full.
+    """
+    began = time.perf_counter()
+    if not FEWEST_ROUNDS <= seeds <= MOST_SEEDS:
+        raise CaseError("command line", "--seeds", f"expected {FEWEST_ROUNDS} to {MOST_SEEDS}, got {seeds}.")
+    prepare_devices(len(os.sched_getaffinity(0)))
+    problem = read_problem(case)
+    calibrated = read_calibrated_run(Path(run), problem)
+    role = drives or ("held_out" if problem.departs_s("held_out") else "fit")
+    if not problem.departs_s(role):
+        raise CaseError("command line", "--drives", f"expected a role that drives of the case have, got {role}.")
+    folder = Path(run) / FOLDER if out is None else Path(out)
+    options = {"validate": list(calibrated.values), "seeds": seeds, "drives": role, "first": calibrated.first_seed}
+    with (
+        writing_to(folder),
+        open_run_folder(folder, identify(problem.case, options), resume) as run_folder,
+    ):
+        result = _validate(problem, calibrated, role, seeds, run_folder, progress or Silent(), began)
+        run_folder.write_text("validation.json", to_json(result))
+        run_folder.write_text("validation.html", validation_html(result))
+    return result
+
+
+def _validate(
+    problem: CalibrationProblem,
+    calibrated: CalibratedRun,
+    role: Role,
+    seeds: int,
+    run_folder: RunFolder,
+    progress: Progress,
+    began: float,
+) -> ValidationResult:
+    observer = DriveObserver(problem)
+    logs = [drive for drive in problem.drives if drive.role == role]
+    requests = round_requests(calibrated, problem.departs_s(role), seeds)
+    progress.plan(0, len(requests))
+    progress.stage("validation")
+    with sumo_engine(problem, fold=observer) as sumo:
+        outcomes = JournaledSumo(sumo, run_folder.journal).start(requests, progress.sumo_runs)()
+    rounds = complete_rounds(outcomes, len(logs))
+    progress.stage("report")
+    simulated = observer.parts(rounds)
+    field = observer.parts(np.stack([observer(drive.frames(FRAME_INTERVAL_S)) for drive in logs]))
+    measures = compare_measures(problem.measures, problem.tally_names, field, simulated)
+    distributions = compare_distributions(field, simulated)
+    trajectories = compare_trajectories(field, simulated)
+    names = tuple(drive.id for drive in problem.case.drives_of(role))
+    travel_times = travel_time_table(names, field, simulated)
+    errors = _errors(problem, role, simulated, outcomes)
+    criteria = [
+        *health_criteria(outcomes),
+        *comparison_criteria(measures, distributions, trajectories),
+        *error_criteria(errors),
+        travel_time_criterion(travel_times),
+        *criteria_without_counts(),
+    ]
+    return ValidationResult(
+        case=problem.case.name,
+        is_valid=all(one.passes is not False for one in criteria),
+        drives=list(names),
+        role=role,
+        parameters=dict(zip(problem.layout.names, calibrated.values, strict=True)),
+        criteria=criteria,
+        measures=measures,
+        distributions=distributions,
+        trajectories=trajectories,
+        travel_times=travel_times,
+        errors=_error_table(errors),
+        volumes=_seen_volumes(problem, measures),
+        counts=[],
+        health=_health(outcomes),
+        runs=len(outcomes),
+        seeds=[requests[0].seed, requests[-1].seed],
+        num_rounds=len(rounds),
+        wall_s={"total": rounded(time.perf_counter() - began) or 0.0},
+        warnings=[*calibrated.warnings, *problem.warnings()],
+        versions=versions(),
+        commit=commit(),
+    )
+
+
+def round_requests(calibrated: CalibratedRun, departs_s: Sequence[float], seeds: int) -> list[RunRequest]:
+    """Return the runs of all rounds: each drive once in each, no two with the same seed."""
+    first = calibrated.first_seed + VALIDATION_SEED
+    return [
+        RunRequest(calibrated.values, first + number * len(departs_s) + place, depart_s)
+        for number in range(seeds)
+        for place, depart_s in enumerate(departs_s)
+    ]
+
+
+def complete_rounds(outcomes: Sequence[RunOutcome], num_drives: int) -> np.ndarray:
+    """Return what the rounds in which no run failed have observed, [round, drive, number].
+
+    Raises:
+        AllRunsFailedError: too few of them are left.
+    """
+    rounds = [outcomes[begin : begin + num_drives] for begin in range(0, len(outcomes), num_drives)]
+    complete = [[run.observed for run in one] for one in rounds if all(run.status.is_ok for run in one)]
+    if len(complete) < FEWEST_ROUNDS:
+        reasons = "; ".join(sorted({run.status.value for run in outcomes if not run.status.is_ok}))
+        tail = next((run.log_tail for run in outcomes if run.log_tail), "")
+        raise AllRunsFailedError(f"in all but {len(complete)} rounds of drives a run failed in SUMO: {reasons}", tail)
+    return np.asarray(complete, float)
+
+
+def _errors(
+    problem: CalibrationProblem, role: Role, simulated: ObservedDrives, outcomes: Sequence[RunOutcome]
+) -> FinalErrors | None:
+    num_rounds, num_drives, num_tallies = simulated.tally.shape
+    runs = FinalRuns(
+        simulated.tally.reshape(-1, num_tallies), np.tile(np.arange(num_drives), num_rounds), tuple(outcomes)
+    )
+    return final_errors(problem, role, runs, runs)
+
+
+def _error_table(errors: FinalErrors | None) -> dict[str, Any]:
+    if errors is None:
+        return {}
+    return {
+        name: {
+            "value": rounded(errors.error(name)),
+            "interval_90": errors.interval[name],
+            "noise_floor": rounded(errors.floor_vehicle_level if name == VEHICLE_LEVEL_SUM else errors.floor[name]),
+            "noise_floor_high": rounded(errors.floor_high[name]),
+        }
+        for name in [*errors.pooled.errors, VEHICLE_LEVEL_SUM]
+    }
+
+
+def _seen_volumes(problem: CalibrationProblem, measures: dict[str, dict[str, Any]]) -> list[dict[str, Any]]:
+    """Return volumes on all lanes, as the subject vehicle sees them while it drives along: no counts, but near them."""
+    border = np.asarray(problem.road.section_border_m, float)
+    lanes = np.diff(np.asarray(problem.road.lane_m_before(problem.road.section_border_m), float)) / np.diff(border)
+    volumes = []
+    for section, lane_count in enumerate(lanes):
+        one = measures[f"section_{section}_volume_vehph"]
+        if one["field"] is None or one["simulated"] is None:
+            continue
+        place = f"{border[section]:.0f} to {border[section + 1]:.0f} m"
+        volume = Volume(place, float(lane_count * one["field"]), float(lane_count * one["simulated"]))
+        volumes.append({
+            "place": place, "field_vehph": rounded(volume.field_vehph),
+            "simulated_vehph": rounded(volume.simulated_vehph), "geh": rounded(volume.geh),
+        })  # fmt: skip
+    return volumes
+
+
+def _health(outcomes: Sequence[RunOutcome]) -> SimulationHealth:
+    return SimulationHealth(
+        runs=len(outcomes),
+        failed=sum(not one.status.is_ok for one in outcomes),
+        collisions=sum(one.num_collisions for one in outcomes),
+        teleports=sum(one.num_teleports for one in outcomes),
+        backlog_share=rounded(float(np.mean([one.backlog_share for one in outcomes]))) or 0.0,
+    )
