@@ -6,7 +6,7 @@ import numpy as np
 
 from jaxcalib.problem import FRAME_INTERVAL_S, CalibrationProblem
 from sim_adapters.jax_simulator import JaxSimulator
-from sim_adapters.sumo_simulator import FrameFold, SensorRange, SumoSimulator
+from sim_adapters.sumo_simulator import FrameFold, SensorRange, SumoSimulator, VehicleCounter
 from sim_adapters.units import METRES_PER_KILOMETRE
 from surrogate.perception import Sensor
 from surrogate.step import Clock
@@ -55,7 +55,10 @@ def surrogate_engine(
 
 
 def sumo_engine(
-    problem: CalibrationProblem, num_processes: int | None = None, fold: FrameFold | None = None
+    problem: CalibrationProblem,
+    num_processes: int | None = None,
+    fold: FrameFold | None = None,
+    counter: VehicleCounter | None = None,
 ) -> SumoSimulator:
     """Return SUMO for a problem; close it after use.
 
@@ -63,6 +66,7 @@ def sumo_engine(
         problem: the problem.
         num_processes: workers; one for each core unless given.
         fold: turns the frames of a drive into numbers; the problem's unless given.
+        counter: counts vehicles instead, up to the end of the scenario.
     """
     perception = problem.case.perception
     return SumoSimulator(
@@ -74,6 +78,7 @@ def sumo_engine(
         frame_interval_s=FRAME_INTERVAL_S,
         end_s=problem.parts.scenario.duration_s,
         num_processes=num_processes,
+        counter=counter,
     )
 
 

@@ -5,7 +5,7 @@ import multiprocessing
 import os
 import shutil
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass
 from pathlib import Path
@@ -37,6 +37,19 @@ class FrameFold(Protocol):
         ...
 
 
+class VehicleCounter(Protocol):
+    """Turns the times at which vehicles pass the ends of edges into numbers."""
+
+    @property
+    def edges(self) -> tuple[str, ...]:
+        """Edges at whose end is counted."""
+        ...
+
+    def __call__(self, passed_s: Mapping[str, np.ndarray]) -> np.ndarray:
+        """Return the numbers of a run from the times at each edge."""
+        ...
+
+
 @dataclass(frozen=True)
 class SensorRange:
     """Range of the subject vehicle's sensors."""
@@ -60,6 +73,7 @@ class SumoSimulator:
         num_processes: int | None = None,
         longest_run_s: float = 1200.0,
         scratch: Path | None = None,
+        counter: "VehicleCounter | None" = None,
     ) -> None:
         """Start the pool; workers start with the first run.
 
@@ -74,6 +88,7 @@ class SumoSimulator:
             num_processes: workers; one for each core unless given.
             longest_run_s: a run that takes longer is killed.
             scratch: where files of runs lie while they are made; the system's folder unless given.
+            counter: counts vehicles on the road, up to the end of the run, instead of folding frames.
         """
         self._scenario = scenario
         self._layout = layout
@@ -83,6 +98,7 @@ class SumoSimulator:
         self._frame_interval_s = frame_interval_s
         self._end_s = end_s
         self._longest_run_s = longest_run_s
+        self._counter = counter
         self.num_processes = num_processes or len(os.sched_getaffinity(0))
         self._scratch = Path(tempfile.mkdtemp(prefix="jaxcalib-", dir=scratch))
         self._pool = ProcessPool(
@@ -139,13 +155,16 @@ class SumoSimulator:
             lane_place=self._lane_place,
             entrance_of_flow=self._entrance_of_flow,
             num_entrances=len(self._scenario.entrances),
+            counted_edges=self._counter.edges if self._counter else (),
         )
         return folder, self._pool.schedule(run_job, args=(job,), timeout=self._longest_run_s)
 
     def outcome_of(self, request: RunRequest, run: SumoRun) -> RunOutcome:
         """Return the outcome of a run that came to its end."""
         status, observed = Status.OK, None
-        if not len(run.time_s):
+        if self._counter is not None:
+            observed = self._counter(run.passed_s)
+        elif not len(run.time_s):
             status = Status.SUBJECT_MISSING
         else:
             observed = np.asarray(self._fold(self.frames_of(run)))

@@ -31,6 +31,7 @@ class SumoJob:
         lane_place: row, begin on the route's axis, and whether it is carriageway, of each lane.
         entrance_of_flow: number of the entrance of each flow.
         num_entrances: number of entrances.
+        counted_edges: edges at whose end vehicles are counted; with any, the run goes on to its end.
     """
 
     config: Path
@@ -43,6 +44,7 @@ class SumoJob:
     lane_place: Mapping[str, tuple[int, float, bool]]
     entrance_of_flow: Mapping[str, int]
     num_entrances: int
+    counted_edges: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -63,6 +65,7 @@ class SumoRun:
         num_teleports: vehicles that SUMO removed.
         num_vehicle_steps: vehicles on the road, summed over steps.
         wall_s: computing time.
+        passed_s: when vehicles passed the end of each counted edge.
     """
 
     time_s: np.ndarray
@@ -78,6 +81,7 @@ class SumoRun:
     num_teleports: int
     num_vehicle_steps: int
     wall_s: float
+    passed_s: Mapping[str, np.ndarray]
 
 
 def begin_worker() -> None:
@@ -133,7 +137,9 @@ def _step_until_subject_left(libsumo, job: SumoJob) -> dict:
     num_collisions = num_teleports = num_vehicle_steps = num_frames = 0
     step_s = simulation.getDeltaT()
     steps_per_frame = max(1, round(job.frame_interval_s / step_s))
-    has_entered = False
+    has_entered = has_left = False
+    passed: dict[str, list[float]] = {edge: [] for edge in job.counted_edges}
+    on_edge: dict[str, set[str]] = {edge: set() for edge in job.counted_edges}
     for step in range(round(job.end_s / step_s)):
         libsumo.simulationStep()
         for departed in simulation.getDepartedIDList():
@@ -144,10 +150,15 @@ def _step_until_subject_left(libsumo, job: SumoJob) -> dict:
         num_collisions += simulation.getCollidingVehiclesNumber()
         num_teleports += simulation.getStartingTeleportNumber()
         num_vehicle_steps += vehicles.getIDCount()
-        if has_entered:
-            if job.subject_vehicle in simulation.getArrivedIDList():
+        for edge, before in on_edge.items():
+            now = set(libsumo.edge.getLastStepVehicleIDs(edge))
+            passed[edge] += [simulation.getTime()] * len(before - now)
+            on_edge[edge] = now
+        if has_entered and not has_left:
+            has_left = job.subject_vehicle in simulation.getArrivedIDList()
+            if has_left and not job.counted_edges:
                 break
-            num_frames += step % steps_per_frame == 0
+            num_frames += not has_left and step % steps_per_frame == 0
     arrived = inserted.copy()
     for waiting in simulation.getPendingVehicles():
         entrance = job.entrance_of_flow.get(waiting.rpartition(".")[0])
@@ -160,6 +171,7 @@ def _step_until_subject_left(libsumo, job: SumoJob) -> dict:
         "num_teleports": num_teleports,
         "num_vehicle_steps": num_vehicle_steps,
         "num_frames": num_frames,
+        "passed_s": {edge: np.asarray(times) for edge, times in passed.items()},
     }
 
 

@@ -5,9 +5,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from rich.console import Console
-from rich.table import Table
-
 from jaxcalib.calibration.evaluator import AllRunsFailedError
 from jaxcalib.cli import EXIT_CASE_WRONG, EXIT_RESOURCE, EXIT_SIMULATOR_FAILED, EXIT_STOPPED
 from jaxcalib.errors import CaseError, ResourceError, shorten
@@ -15,8 +12,6 @@ from jaxcalib.progress import Silent
 from jaxcalib.terminal import TerminalProgress
 from jaxcalib.validation.result import ValidationResult
 from jaxcalib.validation.validate import FOLDER, validate
-
-ANSWERS = {True: "[green]pass[/green]", False: "[red]fail[/red]", None: "not testable"}
 
 
 @dataclass(frozen=True)
@@ -57,18 +52,19 @@ def run_validation(options: ValidateOptions) -> int:
         print(f"jaxcalib: stopped; go on with: {again}", file=sys.stderr)
         return EXIT_STOPPED
     if not options.quiet:
-        _print_summary(result, folder)
+        print(_summary(result, folder))
     return 0
 
 
-def _print_summary(result: ValidationResult, folder: Path) -> None:
-    console = Console()
-    table = Table("criterion", "", "value", "limit", "standard", title=f"{result.case}, {result.role} drives")
+def _summary(result: ValidationResult, folder: Path) -> str:
+    lines = [""]
     for one in result.criteria:
-        value, limit = (f"{number:.4g}" if number is not None else "-" for number in (one.value, one.limit))
-        table.add_row(one.name, ANSWERS[one.passes], value, limit, one.standard)
-    console.print(table)
-    for line in result.warnings:
-        console.print(f"warning: {line}", markup=False)
-    console.print("valid" if result.is_valid else "not valid", f"by {result.num_rounds} rounds of drives")
-    console.print(f"report: {folder / 'validation.html'}", markup=False, soft_wrap=True)
+        if one.passes is None:
+            lines.append(f"  -     {one.name}: not testable, {one.note}")
+            continue
+        bound = f"{'at most' if one.is_upper else 'at least'} {one.limit:.4g}"
+        lines.append(f"  {'pass' if one.passes else 'FAIL'}  {one.name}: {one.value:.4g} ({bound}; {one.standard})")
+    verdict = "valid" if result.is_valid else "not valid"
+    lines += ["", f"{verdict}, by {result.num_rounds} rounds of {len(result.drives)} {result.role} drives"]
+    lines += [*(f"warning: {line}" for line in result.warnings), f"report: {folder / 'validation.html'}"]
+    return "\n".join(lines)

@@ -7,9 +7,9 @@ import msgspec
 from jaxcalib.result import rounded
 
 FORMAT = 1
-OWN = "jaxcalib (docs/validation.md)"
-FHWA_2004 = "FHWA Traffic Analysis Toolbox III (2004), table 4"
-FHWA_2019 = "FHWA Traffic Analysis Toolbox III (2019 update), section 5"
+OWN = "jaxcalib"
+FHWA_2004 = "FHWA Toolbox III, 2004"
+FHWA_2019 = "FHWA Toolbox III, 2019"
 
 
 class Criterion(msgspec.Struct, frozen=True):

@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 
 from jaxcalib.calibration.accuracy import VEHICLE_LEVEL_SUM
-from jaxcalib.calibration.evaluator import AllRunsFailedError
+from jaxcalib.calibration.evaluator import AllRunsFailedError, gather
 from jaxcalib.calibration.final_errors import FinalErrors, FinalRuns, final_errors
 from jaxcalib.case import Role
 from jaxcalib.disk import writing_to
@@ -28,6 +28,7 @@ from jaxcalib.validation.comparison import (
     compare_trajectories,
     travel_time_table,
 )
+from jaxcalib.validation.counts import FieldCounts, count_criteria, count_volumes, read_counts
 from jaxcalib.validation.judgement import (
     comparison_criteria,
     criteria_without_counts,
@@ -88,12 +89,16 @@ def validate(
     if not problem.departs_s(role):
         raise CaseError("command line", "--drives", f"expected a role that drives of the case have, got {role}.")
     folder = Path(run) / FOLDER if out is None else Path(out)
-    options = {"validate": list(calibrated.values), "seeds": seeds, "drives": role, "first": calibrated.first_seed}
+    counted = None if counts is None else read_counts(Path(counts), problem)
+    options = {
+        "validate": list(calibrated.values), "seeds": seeds, "drives": role, "first": calibrated.first_seed,
+        "counts": None if counted is None else [list(counted.places), np.nan_to_num(counted.vehicles, nan=-1).tolist()],
+    }  # fmt: skip
     with (
         writing_to(folder),
         open_run_folder(folder, identify(problem.case, options), resume) as run_folder,
     ):
-        result = _validate(problem, calibrated, role, seeds, run_folder, progress or Silent(), began)
+        result = _validate(problem, calibrated, role, seeds, counted, run_folder, progress or Silent(), began)
         run_folder.write_text("validation.json", to_json(result))
         run_folder.write_text("validation.html", validation_html(result))
     return result
@@ -104,6 +109,7 @@ def _validate(
     calibrated: CalibratedRun,
     role: Role,
     seeds: int,
+    counted: FieldCounts | None,
     run_folder: RunFolder,
     progress: Progress,
     began: float,
@@ -111,11 +117,13 @@ def _validate(
     observer = DriveObserver(problem)
     logs = [drive for drive in problem.drives if drive.role == role]
     requests = round_requests(calibrated, problem.departs_s(role), seeds)
-    progress.plan(0, len(requests))
+    count_requests = [] if counted is None else _count_requests(calibrated, requests, seeds)
+    progress.plan(0, len(requests) + len(count_requests))
     progress.stage("validation")
     with sumo_engine(problem, fold=observer) as sumo:
         outcomes = JournaledSumo(sumo, run_folder.journal).start(requests, progress.sumo_runs)()
     rounds = complete_rounds(outcomes, len(logs))
+    simulated_counts = _counts_of(problem, counted, count_requests, run_folder, progress)
     progress.stage("report")
     simulated = observer.parts(rounds)
     field = observer.parts(np.stack([observer(drive.frames(FRAME_INTERVAL_S)) for drive in logs]))
@@ -130,7 +138,7 @@ def _validate(
         *comparison_criteria(measures, distributions, trajectories),
         *error_criteria(errors),
         travel_time_criterion(travel_times),
-        *criteria_without_counts(),
+        *(count_criteria(counted, simulated_counts) if counted else criteria_without_counts()),
     ]
     return ValidationResult(
         case=problem.case.name,
@@ -145,9 +153,9 @@ def _validate(
         travel_times=travel_times,
         errors=_error_table(errors),
         volumes=_seen_volumes(problem, measures),
-        counts=[],
+        counts=[_volume_entry(one) for one in count_volumes(counted, simulated_counts)] if counted else [],
         health=_health(outcomes),
-        runs=len(outcomes),
+        runs=len(outcomes) + len(count_requests),
         seeds=[requests[0].seed, requests[-1].seed],
         num_rounds=len(rounds),
         wall_s={"total": rounded(time.perf_counter() - began) or 0.0},
@@ -217,11 +225,42 @@ def _seen_volumes(problem: CalibrationProblem, measures: dict[str, dict[str, Any
             continue
         place = f"{border[section]:.0f} to {border[section + 1]:.0f} m"
         volume = Volume(place, float(lane_count * one["field"]), float(lane_count * one["simulated"]))
-        volumes.append({
-            "place": place, "field_vehph": rounded(volume.field_vehph),
-            "simulated_vehph": rounded(volume.simulated_vehph), "geh": rounded(volume.geh),
-        })  # fmt: skip
+        volumes.append(_volume_entry(volume))
     return volumes
+
+
+def _volume_entry(volume: Volume) -> dict[str, Any]:
+    return {
+        "place": volume.place,
+        "field_vehph": rounded(volume.field_vehph),
+        "simulated_vehph": rounded(volume.simulated_vehph),
+        "geh": rounded(volume.geh),
+    }
+
+
+def _count_requests(calibrated: CalibratedRun, requests: Sequence[RunRequest], seeds: int) -> list[RunRequest]:
+    """Return runs in which vehicles are counted to the end, on seeds after those of the rounds."""
+    first, depart_s = requests[-1].seed + 1, min(one.depart_s for one in requests)
+    return [RunRequest(calibrated.values, first + number, depart_s) for number in range(seeds)]
+
+
+def _counts_of(
+    problem: CalibrationProblem,
+    counted: FieldCounts | None,
+    requests: Sequence[RunRequest],
+    run_folder: RunFolder,
+    progress: Progress,
+) -> np.ndarray:
+    """Return what is counted in each run that succeeds, [seed, place].
+
+    Raises:
+        AllRunsFailedError: none does.
+    """
+    if counted is None:
+        return np.zeros((0, 0))
+    with sumo_engine(problem, counter=counted) as sumo:
+        outcomes = JournaledSumo(sumo, run_folder.journal).start(requests, progress.sumo_runs)()
+    return gather([outcomes]).tally[0][[one.status.is_ok for one in outcomes]]
 
 
 def _health(outcomes: Sequence[RunOutcome]) -> SimulationHealth:

@@ -8,7 +8,7 @@ from jaxtyping import Float
 from jaxcalib.validation.criterion import FHWA_2004, Criterion, at_least, at_most
 
 GEH_LIMIT, GEH_SUM_LIMIT, SHARE = 5.0, 4.0, 0.85
-GEH_STANDARD = "UK DfT TAG M3.1, table 2; FHWA Traffic Analysis Toolbox III (2004), table 4"
+GEH_STANDARD = "DfT TAG M3.1; FHWA Toolbox III, 2004"
 
 
 @dataclass(frozen=True)
