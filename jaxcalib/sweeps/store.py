@@ -20,7 +20,7 @@ from jaxcalib.journal import write_atomically
 from jaxcalib.run_folder import check_identity, read_identity
 from jaxcalib.sweeps.plan import Shard
 
-DESCRIPTION_FILE = "sweep.json"
+DESCRIPTION_FILE = "_sweep.json"  # readers of Parquet skip names that begin so, and with a dot
 METADATA_KEY = b"jaxcalib_sweep"
 BEGIN_S = 60.0  # the longest that others need to begin a sweep
 
@@ -105,14 +105,14 @@ class SweepStore:
         Raises:
             CaseError: somebody does.
         """
-        for other in self.folder.glob("shard-*.lock"):
-            of = other.stem.removeprefix("shard-")
+        for other in self.folder.glob(".shard-*.lock"):
+            of = other.stem.removeprefix(".shard-")
             if of.partition("-of-")[2] != str(shard.count) and _is_held(other):
                 raise CaseError(
                     "command line", "--shard", f"expected the same number of shards as jobs that run now: shard "
                     f"{of.replace('-of-', '/')} of {self.table.name} is at work.",
                 )  # fmt: skip
-        lock = FileLock(self.folder / f"shard-{shard.number}-of-{shard.count}.lock")
+        lock = FileLock(self.folder / f".shard-{shard.number}-of-{shard.count}.lock")
         try:
             self._locks.enter_context(lock.acquire(timeout=0))
         except Timeout:
@@ -126,16 +126,16 @@ class SweepStore:
         Raises:
             CaseError: one is.
         """
-        for file in self.folder.glob("shard-*.lock"):
+        for file in self.folder.glob(".shard-*.lock"):
             try:
                 self._locks.enter_context(FileLock(file).acquire(timeout=0))
             except Timeout:
-                of = file.stem.removeprefix("shard-").replace("-of-", "/")
+                of = file.stem.removeprefix(".shard-").replace("-of-", "/")
                 raise CaseError(self.table, "", f"expected that all jobs are done; shard {of} is at work.") from None
 
     def shard_counts(self) -> set[int]:
         """Return the numbers of shards that jobs were told of so far."""
-        return {int(file.stem.rpartition("-")[2]) for file in self.folder.glob("shard-*-of-*.lock")}
+        return {int(file.stem.rpartition("-")[2]) for file in self.folder.glob(".shard-*-of-*.lock")}
 
     def file_of(self, block: int) -> Path:
         """Return the file of a block."""
