@@ -10,6 +10,7 @@ import pytest
 from jaxcalib.problem import CalibrationProblem, read_problem
 from jaxcalib.sweeps import sweep as module
 from jaxcalib.sweeps.plan import SweepPlan
+from jaxcalib.sweeps.report import write_report
 from sim_adapters.interface import RunOutcome, RunRequest, Status
 
 CASE = Path(__file__).parents[2] / "experiments" / "cases" / "corridor"
@@ -57,4 +58,11 @@ def toy(monkeypatch: pytest.MonkeyPatch) -> Callable[..., list[ToyEngine]]:
         return used
 
     put()
+    monkeypatch.setattr(module, "write_report", lambda table, problem: None)  # its figures take seconds
     return put
+
+
+@pytest.fixture
+def with_report(toy: object, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Write the page after all."""
+    monkeypatch.setattr(module, "write_report", write_report)
