@@ -10,7 +10,7 @@ from jaxcalib.measures.measure import Measure
 from jaxcalib.result import rounded
 from jaxcalib.validation.distributions import BORDERS, distances
 from jaxcalib.validation.observer import ObservedDrives
-from jaxcalib.validation.prediction import PROBABILITY, Prediction, holm, predict, upper_limit
+from jaxcalib.validation.prediction import PROBABILITY, Prediction, exceedance, holm, predict, upper_limit
 from jaxcalib.validation.trajectories import passing_rmse_s, speed_rmse_mps, travel_times_s
 
 FEWEST_EVENTS = 5.0  # a field that shows fewer says nothing of a measure
@@ -70,7 +70,7 @@ def compare_distributions(field: ObservedDrives, rounds: ObservedDrives) -> Tabl
         found = distances(name, field.histograms[name].sum(axis=0), total)
         by_chance = np.asarray([distances(name, one, total - one) for one in per_round])
         table[name] = {
-            kind: {"value": rounded(found[place]), "limit": rounded(upper_limit(by_chance[:, place]))}
+            kind: _within_chance(found[place], by_chance[:, place])
             for place, kind in enumerate(("kolmogorov_smirnov", "wasserstein"))
         }
     return table
@@ -98,11 +98,7 @@ def compare_trajectories(field: ObservedDrives, rounds: ObservedDrives) -> Table
             for real, runs in zip(field.passing_s, rounds.passing_s.swapaxes(0, 1), strict=True)
             for run in runs
         ]
-        table[name] = {
-            "value": rounded(_mean(np.asarray(found))),
-            "among_simulated": rounded(_mean(per_round)),
-            "limit": rounded(upper_limit(per_round)),
-        }
+        table[name] = _within_chance(_mean(np.asarray(found)), per_round)
     return table
 
 
@@ -115,6 +111,15 @@ def travel_time_table(names: tuple[str, ...], field: ObservedDrives, rounds: Obs
         means = pairs[known].mean(axis=0) if known.any() else np.full(2, np.nan)
         table[name] = {"field_s": rounded(float(means[0])), "simulated_s": rounded(float(means[1]))}
     return table
+
+
+def _within_chance(value: float, by_chance: Float[np.ndarray, " round"]) -> dict[str, Any]:
+    return {
+        "value": rounded(value),
+        "among_simulated": rounded(_mean(by_chance)),
+        "limit": rounded(upper_limit(by_chance)),
+        "p_value": rounded(exceedance(by_chance, value)),
+    }
 
 
 def _among(passing_s: Float[np.ndarray, "round drive place"], error_of: ErrorOf) -> Float[np.ndarray, " round"]:

@@ -73,6 +73,18 @@ def upper_limit(rounds: Float[np.ndarray, " round"]) -> float:
     return float(np.exp(logs.mean() + quantile * logs.std(ddof=1) * np.sqrt(1.0 + 1.0 / len(known))))
 
 
+def exceedance(rounds: Float[np.ndarray, " round"], value: float) -> float:
+    """Return how often one more round of a positive, log-normal quantity exceeds a value; nan for too few rounds."""
+    known = rounds[np.isfinite(rounds) & (rounds > 0.0)]
+    if len(known) < FEWEST_ROUNDS or not value > 0.0:
+        return float("nan")
+    logs = np.log(known)
+    spread = float(logs.std(ddof=1)) * np.sqrt(1.0 + 1.0 / len(known))
+    if spread == 0.0:
+        return 0.0 if np.log(value) > logs.mean() else 1.0
+    return float(stats.t.sf((np.log(value) - logs.mean()) / spread, len(known) - 1))
+
+
 def holm(p_values: Float[np.ndarray, " test"]) -> Float[np.ndarray, " test"]:
     """Return p values corrected for their number; nan stays nan.
 

@@ -8,9 +8,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from jaxcalib.calibration.accuracy import VEHICLE_LEVEL_SUM
 from jaxcalib.calibration.evaluator import AllRunsFailedError, gather
-from jaxcalib.calibration.final_errors import FinalErrors, FinalRuns, final_errors
 from jaxcalib.case import Role
 from jaxcalib.disk import writing_to
 from jaxcalib.engines import prepare_devices, sumo_engine
@@ -29,14 +27,14 @@ from jaxcalib.validation.comparison import (
     travel_time_table,
 )
 from jaxcalib.validation.counts import FieldCounts, count_criteria, count_volumes, read_counts
+from jaxcalib.validation.errors_by_chance import error_table
 from jaxcalib.validation.judgement import (
-    comparison_criteria,
+    chance_criteria,
     criteria_without_counts,
-    error_criteria,
     health_criteria,
     travel_time_criterion,
 )
-from jaxcalib.validation.observer import DriveObserver, ObservedDrives
+from jaxcalib.validation.observer import DriveObserver
 from jaxcalib.validation.prediction import FEWEST_ROUNDS
 from jaxcalib.validation.report import validation_html
 from jaxcalib.validation.result import ValidationResult
@@ -132,11 +130,10 @@ def _validate(
     trajectories = compare_trajectories(field, simulated)
     names = tuple(drive.id for drive in problem.case.drives_of(role))
     travel_times = travel_time_table(names, field, simulated)
-    errors = _errors(problem, role, simulated, outcomes)
+    errors = error_table(problem, role, simulated, outcomes)
     criteria = [
         *health_criteria(outcomes),
-        *comparison_criteria(measures, distributions, trajectories),
-        *error_criteria(errors),
+        *chance_criteria(measures, distributions, trajectories, errors),
         travel_time_criterion(travel_times),
         *(count_criteria(counted, simulated_counts) if counted else criteria_without_counts()),
     ]
@@ -151,7 +148,7 @@ def _validate(
         distributions=distributions,
         trajectories=trajectories,
         travel_times=travel_times,
-        errors=_error_table(errors),
+        errors=errors,
         volumes=_seen_volumes(problem, measures),
         counts=[_volume_entry(one) for one in count_volumes(counted, simulated_counts)] if counted else [],
         health=_health(outcomes),
@@ -188,30 +185,6 @@ def complete_rounds(outcomes: Sequence[RunOutcome], num_drives: int) -> np.ndarr
         tail = next((run.log_tail for run in outcomes if run.log_tail), "")
         raise AllRunsFailedError(f"in all but {len(complete)} rounds of drives a run failed in SUMO: {reasons}", tail)
     return np.asarray(complete, float)
-
-
-def _errors(
-    problem: CalibrationProblem, role: Role, simulated: ObservedDrives, outcomes: Sequence[RunOutcome]
-) -> FinalErrors | None:
-    num_rounds, num_drives, num_tallies = simulated.tally.shape
-    runs = FinalRuns(
-        simulated.tally.reshape(-1, num_tallies), np.tile(np.arange(num_drives), num_rounds), tuple(outcomes)
-    )
-    return final_errors(problem, role, runs, runs)
-
-
-def _error_table(errors: FinalErrors | None) -> dict[str, Any]:
-    if errors is None:
-        return {}
-    return {
-        name: {
-            "value": rounded(errors.error(name)),
-            "interval_90": errors.interval[name],
-            "noise_floor": rounded(errors.floor_vehicle_level if name == VEHICLE_LEVEL_SUM else errors.floor[name]),
-            "noise_floor_high": rounded(errors.floor_high[name]),
-        }
-        for name in [*errors.pooled.errors, VEHICLE_LEVEL_SUM]
-    }
 
 
 def _seen_volumes(problem: CalibrationProblem, measures: dict[str, dict[str, Any]]) -> list[dict[str, Any]]:

@@ -1,0 +1,57 @@
+"""The errors of Eqs. 23-36, with intervals, beside those that simulated drives show against one another."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from jaxcalib.calibration.accuracy import VEHICLE_LEVEL_SUM, Effectiveness, noise_floor
+from jaxcalib.calibration.final_errors import FinalRuns, final_errors
+from jaxcalib.case import Role
+from jaxcalib.problem import CalibrationProblem
+from jaxcalib.result import rounded
+from jaxcalib.validation.comparison import Table
+from jaxcalib.validation.observer import ObservedDrives
+from sim_adapters.interface import RunOutcome
+
+NUM_DRAWS = 1000  # of field-like sets, enough for p values of a few in a thousand
+
+
+def error_table(
+    problem: CalibrationProblem, role: Role, simulated: ObservedDrives, outcomes: Sequence[RunOutcome]
+) -> Table:
+    """Return each error with its 90 % interval, and how often chance alone makes as much.
+
+    Args:
+        problem: the problem.
+        role: of the drives.
+        simulated: [round, drive].
+        outcomes: of all runs.
+    """
+    num_rounds, num_drives, num_tallies = simulated.tally.shape
+    runs = FinalRuns(
+        simulated.tally.reshape(-1, num_tallies), np.tile(np.arange(num_drives), num_rounds), tuple(outcomes)
+    )
+    errors = final_errors(problem, role, runs, None)
+    if errors is None:
+        return {}
+    draws = noise_floor(problem.measures, problem.tally_names, runs.tally, runs.drive, NUM_DRAWS)
+    table: Table = {}
+    for name in [*errors.pooled.errors, VEHICLE_LEVEL_SUM]:
+        value, by_chance = errors.error(name), _known([_error(draw, name) for draw in draws])
+        is_known = value is not None and len(by_chance) > 0
+        table[name] = {
+            "value": rounded(value),
+            "interval_90": errors.interval[name],
+            "among_simulated": rounded(float(by_chance.mean())) if is_known else None,
+            "limit": rounded(float(np.quantile(by_chance, 0.95))) if is_known else None,
+            "p_value": rounded(float((1 + (by_chance >= value).sum()) / (1 + len(by_chance)))) if is_known else None,
+        }
+    return table
+
+
+def _error(draw: Effectiveness, name: str) -> float | None:
+    return draw.vehicle_level if name == VEHICLE_LEVEL_SUM else draw.errors[name]
+
+
+def _known(errors: list[float | None]) -> np.ndarray:
+    return np.asarray([error for error in errors if error is not None], float)
