@@ -182,7 +182,6 @@ class JaxSimulator:
 
     def _run_once(self, requests: list[RunRequest], capacity: int) -> list[RunOutcome]:
         program = self._program(capacity)
-        program = self._program(capacity)
         began = time.perf_counter()
         filled = requests + [requests[-1]] * (self._batch - len(requests))
         arguments = [
