@@ -37,7 +37,7 @@ class SweepOptions:
 def run_sweep(options: SweepOptions) -> int:
     """Make a sweep and return the exit code."""
     progress = Silent() if options.quiet else TerminalSweepProgress()
-    signal.signal(signal.SIGTERM, _stop)  # batch systems send it before they kill
+    before = signal.signal(signal.SIGTERM, _stop)  # batch systems send it before they kill
     try:
         with progress if isinstance(progress, TerminalSweepProgress) else nullcontext():
             result = _made(options, progress)
@@ -50,6 +50,8 @@ def run_sweep(options: SweepOptions) -> int:
     except KeyboardInterrupt:
         print(f"jaxcalib: stopped; go on with: {shlex.join(['jaxcalib', *sys.argv[1:]])}", file=sys.stderr)
         return EXIT_STOPPED
+    finally:
+        signal.signal(signal.SIGTERM, before)
     if not options.quiet:
         print(_summary(options, result))
     return 0
