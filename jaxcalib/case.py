@@ -1,11 +1,13 @@
 """A case: the folder that ties a SUMO scenario to the logs of drives on that road."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
-from jaxcalib.case_file import FILE_NAME, CaseTable, DriveSection, read_case_table
+from jaxcalib.case_file import FILE_NAME, CaseTable, DriveSection, SubjectSection, read_case_table
 from jaxcalib.errors import CaseError, quote
+from surrogate.model_entry import ParameterRangeError, UnknownModelError
+from surrogate.subject.registry import SUBJECT_MODELS, SubjectModel
 
 Role = Literal["fit", "held_out"]
 
@@ -34,10 +36,12 @@ class SubjectVehicle:
     Attributes:
         vtype: its vType.
         vehicle: its id.
+        model: who drives it.
     """
 
     vtype: str
     vehicle: str
+    model: SubjectModel = field(default_factory=SubjectModel)
 
 
 @dataclass(frozen=True)
@@ -169,7 +173,7 @@ def read_case(folder: Path | str) -> Case:
         perception=Perception(perception.ahead_m, perception.behind_m, perception.nominal_length_m),
         drives=tuple(_drive(root, drive) for drive in table.drive),
         scenario=scenario,
-        subject=table.subject and SubjectVehicle(table.subject.vtype, table.subject.vehicle),
+        subject=table.subject and _subject(table.subject),
         behaviour=table.behaviour
         and Behaviour(table.behaviour.vtypes, table.behaviour.car_following, table.behaviour.parameters),
         inputs=tuple(Input(entrance.id, entrance.flows) for entrance in table.input),
@@ -192,6 +196,18 @@ def require_scenario(case: Case) -> ScenarioParts:
         missing = ", ".join(name for name, part in parts.items() if not part)
         raise CaseError(FILE_NAME, missing, "expected for everything that runs the scenario; missing here.")
     return ScenarioParts(case.scenario, case.subject, case.behaviour, case.inputs)
+
+
+def _subject(section: SubjectSection) -> SubjectVehicle:
+    model = SubjectModel(section.model, section.parameters or {})
+    try:
+        model.check()
+    except UnknownModelError as error:
+        key = "model" if section.model not in SUBJECT_MODELS else "parameters"
+        raise CaseError(FILE_NAME, f"subject.{key}", f"expected a known name: {error}") from None
+    except ParameterRangeError as error:
+        raise CaseError(FILE_NAME, "subject.parameters", f"expected a value within its range: {error}") from None
+    return SubjectVehicle(section.vtype, section.vehicle, model)
 
 
 def _drive(root: Path, drive: DriveSection) -> Drive:

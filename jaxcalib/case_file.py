@@ -59,6 +59,8 @@ class SubjectSection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     vtype: Name
     vehicle: Name
+    model: Name = "vtype"
+    parameters: Annotated[dict[str, float], Meta(description="a table of numbers by name")] | None = None
 
 
 class PerceptionSection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

@@ -6,9 +6,11 @@ import numpy as np
 
 from jaxcalib.problem import FRAME_INTERVAL_S, CalibrationProblem
 from sim_adapters.jax_simulator import JaxSimulator
+from sim_adapters.sumo_driver import subject_control
 from sim_adapters.sumo_simulator import FrameFold, SensorRange, SumoSimulator, VehicleCounter
 from sim_adapters.units import METRES_PER_KILOMETRE
 from surrogate.perception import Sensor
+from surrogate.simulate import RunPlan
 from surrogate.step import Clock
 
 DECISION_INTERVAL_S = (
@@ -39,14 +41,13 @@ def surrogate_engine(
             0 is for studies that need every run.
     """
     scenario, perception = problem.parts.scenario, problem.case.perception
-    steps_per_decision = max(1, round(DECISION_INTERVAL_S / scenario.step_s))
     return JaxSimulator(
         template=problem.template,
         observer=problem.tally,
         sensor=Sensor(
             jnp.asarray(perception.ahead_m, jnp.float32), jnp.asarray(perception.behind_m, jnp.float32), OBJECTS_PER_ROW
         ),
-        clock=Clock(scenario.step_s, steps_per_decision, problem.scenario.configuration.lane_change_duration_s),
+        clock=_clock(problem),
         end_s=scenario.duration_s,
         capacity=expected_vehicles(problem, spare_capacity),
         frame_interval_s=FRAME_INTERVAL_S,
@@ -68,7 +69,8 @@ def sumo_engine(
         fold: turns the frames of a drive into numbers; the problem's unless given.
         counter: counts vehicles instead, up to the end of the scenario.
     """
-    perception = problem.case.perception
+    perception, clock = problem.case.perception, _clock(problem)
+    plan = RunPlan(clock, 0, round(FRAME_INTERVAL_S / clock.step_s))
     return SumoSimulator(
         scenario=problem.scenario,
         layout=problem.layout,
@@ -79,7 +81,14 @@ def sumo_engine(
         end_s=problem.parts.scenario.duration_s,
         num_processes=num_processes,
         counter=counter,
+        control=lambda request: subject_control(problem.template, request, clock, plan.steps_before_decision),
     )
+
+
+def _clock(problem: CalibrationProblem) -> Clock:
+    step_s = problem.parts.scenario.step_s
+    steps_per_decision = max(1, round(DECISION_INTERVAL_S / step_s))
+    return Clock(step_s, steps_per_decision, problem.scenario.configuration.lane_change_duration_s)
 
 
 def expected_vehicles(problem: CalibrationProblem, spare_capacity: float = SPARE_CAPACITY) -> int:

@@ -1,5 +1,6 @@
 """Everything that a calibration starts from: the case, its scenario, its logs, and what the logs measure."""
 
+import dataclasses
 import functools
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -22,8 +23,10 @@ from jaxcalib.measures.whole_drive import WholeDriveFold
 from jaxcalib.parameter_space import RANGES, behaviour_parameters
 from sim_adapters.errors import ScenarioError
 from sim_adapters.interface import ParameterLayout
+from sim_adapters.logged_drive import LoggedDrive, resample
 from sim_adapters.scenario import Scenario, read_scenario
 from sim_adapters.world_builder import WorldTemplate, build_template
+from surrogate.subject.registry import REPLAY
 
 FRAME_INTERVAL_S = 0.5
 FRAMES_STEP = 128
@@ -117,12 +120,16 @@ def read_problem(folder: Path | str) -> CalibrationProblem:
             parts.scenario.config_file, case.folder, parts.subject.vehicle, parts.scenario.duration_s
         )
         layout = _layout(parts)
-        template = build_template(scenario, layout)
+        template = build_template(
+            scenario, layout, parts.subject.model, (case.perception.ahead_m, case.perception.behind_m)
+        )
         _check_models(scenario, parts)
         _check_clock(scenario, parts)
     except ScenarioError as error:
         raise CaseError(error.file, "", error.message) from None
     drives = read_drives(case, scenario.row_map)
+    if parts.subject.model.name == REPLAY:
+        template = dataclasses.replace(template, logged_drives=_logged_drives(case, drives, parts))
     tally = drive_tally(_measure_settings(case, observe_road(scenario), drives))
     longest_s = max(parts.scenario.duration_s - drive.depart_s for drive in case.drives)
     num_frames = FRAMES_STEP * int(np.ceil((longest_s / FRAME_INTERVAL_S + 2) / FRAMES_STEP))
@@ -138,6 +145,21 @@ def read_problem(folder: Path | str) -> CalibrationProblem:
         drives=drives,
         field_tally=np.stack([fold(drive.frames(FRAME_INTERVAL_S)) for drive in drives]),
     )
+
+
+def _logged_drives(case: Case, drives: tuple[DriveLog, ...], parts: ScenarioParts) -> tuple[LoggedDrive, ...]:
+    """Return the drives on the clock of the simulators, gaps of their logs bridged."""
+    logged = []
+    for drive, log in zip(case.drives, drives, strict=True):
+        even = log.on_clock(FRAME_INTERVAL_S)
+        subject, valid = even.subject, np.asarray(even.valid)
+        columns = (subject.time_s, subject.position_m, subject.speed_mps, subject.row)
+        time_s, position_m, speed_mps, row = (column[valid] for column in columns)
+        try:
+            logged.append(resample(drive.depart_s, time_s, position_m, speed_mps, row, parts.scenario.step_s))
+        except ValueError as error:
+            raise CaseError(drive.subject_file, "", f"expected a drive that can be replayed: {error}") from None
+    return tuple(logged)
 
 
 def _layout(parts: ScenarioParts) -> ParameterLayout:

@@ -82,6 +82,7 @@ class RunOutcome:
         num_inserted: vehicles that entered, per entrance.
         num_collisions: vehicle steps with overlap.
         num_teleports: vehicles that the simulator removed.
+        num_subject_overlaps: steps in which a replayed subject vehicle overlaps another vehicle.
         num_vehicle_steps: vehicles on the road, summed over steps; 0 where it is not counted.
         wall_s: computing time of this run alone, where it is known.
         log_tail: the simulator's last words if it failed.
@@ -94,6 +95,7 @@ class RunOutcome:
     num_inserted: np.ndarray
     num_collisions: int
     num_teleports: int = 0
+    num_subject_overlaps: int = 0
     num_vehicle_steps: int = 0
     wall_s: float = float("nan")
     log_tail: str = field(default="", repr=False)

@@ -18,6 +18,7 @@ from sim_adapters.frame_table import ObjectTable, SubjectTable, stack_frames
 from sim_adapters.interface import ParameterLayout, RunOutcome, RunRequest, Status
 from sim_adapters.scenario import Scenario
 from sim_adapters.scenario_writer import write_scenario
+from sim_adapters.sumo_driver import SubjectControl
 from sim_adapters.sumo_worker import SumoJob, SumoRun, begin_worker, run_job
 from surrogate.perception import PerceptionFrame
 
@@ -74,6 +75,7 @@ class SumoSimulator:
         longest_run_s: float = 1200.0,
         scratch: Path | None = None,
         counter: "VehicleCounter | None" = None,
+        control: Callable[[RunRequest], SubjectControl | None] = lambda request: None,
     ) -> None:
         """Start the pool; workers start with the first run.
 
@@ -89,6 +91,7 @@ class SumoSimulator:
             longest_run_s: a run that takes longer is killed.
             scratch: where files of runs lie while they are made; the system's folder unless given.
             counter: counts vehicles on the road, up to the end of the run, instead of folding frames.
+            control: how to drive the subject vehicle in a run; SUMO drives it unless given.
         """
         self._scenario = scenario
         self._layout = layout
@@ -99,6 +102,7 @@ class SumoSimulator:
         self._end_s = end_s
         self._longest_run_s = longest_run_s
         self._counter = counter
+        self._control = control
         self.num_processes = num_processes or len(os.sched_getaffinity(0))
         self._scratch = Path(tempfile.mkdtemp(prefix="jaxcalib-", dir=scratch))
         self._pool = ProcessPool(
@@ -156,6 +160,7 @@ class SumoSimulator:
             entrance_of_flow=self._entrance_of_flow,
             num_entrances=len(self._scenario.entrances),
             counted_edges=self._counter.edges if self._counter else (),
+            control=self._control(request),
         )
         return folder, self._pool.schedule(run_job, args=(job,), timeout=self._longest_run_s)
 
@@ -176,6 +181,7 @@ class SumoSimulator:
             num_arrived=run.num_arrived,
             num_inserted=run.num_inserted,
             num_collisions=run.num_collisions,
+            num_subject_overlaps=run.num_subject_overlaps,
             num_teleports=run.num_teleports,
             num_vehicle_steps=run.num_vehicle_steps,
             wall_s=run.wall_s,

@@ -8,8 +8,12 @@ import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
+
+if TYPE_CHECKING:  # it loads JAX, which a worker needs only where the subject vehicle has a driver of its own
+    from sim_adapters.sumo_driver import SubjectControl
 
 PR_SET_PDEATHSIG = 1  # of Linux's prctl
 
@@ -32,6 +36,7 @@ class SumoJob:
         entrance_of_flow: number of the entrance of each flow.
         num_entrances: number of entrances.
         counted_edges: edges at whose end vehicles are counted; with any, the run goes on to its end.
+        control: how to drive the subject vehicle; None where SUMO does.
     """
 
     config: Path
@@ -45,6 +50,7 @@ class SumoJob:
     entrance_of_flow: Mapping[str, int]
     num_entrances: int
     counted_edges: tuple[str, ...] = ()
+    control: "SubjectControl | None" = None
 
 
 @dataclass(frozen=True)
@@ -62,6 +68,7 @@ class SumoRun:
         num_arrived: vehicles that asked to enter, per entrance.
         num_inserted: vehicles that entered, per entrance.
         num_collisions: vehicle steps in a collision.
+        num_subject_overlaps: steps in which a subject vehicle that is told what to do is in a collision.
         num_teleports: vehicles that SUMO removed.
         num_vehicle_steps: vehicles on the road, summed over steps.
         wall_s: computing time.
@@ -78,6 +85,7 @@ class SumoRun:
     num_arrived: np.ndarray
     num_inserted: np.ndarray
     num_collisions: int
+    num_subject_overlaps: int
     num_teleports: int
     num_vehicle_steps: int
     wall_s: float
@@ -88,6 +96,7 @@ def begin_worker() -> None:
     """End with the parent, however that ends."""
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+    os.environ["JAX_PLATFORMS"] = "cpu"  # a driver's few numbers are no work for an accelerator, which has one owner
 
 
 class TruncatedOutputError(RuntimeError):
@@ -116,6 +125,8 @@ def run_job(job: SumoJob) -> SumoRun:
         *("--device.fcd.period", str(job.frame_interval_s), "--fcd-output.acceleration", "true"),
         *("--fcd-output.attributes", "id,lane,pos,speed,acceleration,posLat"),
     ]
+    if job.control is not None:
+        arguments += ["--collision.action", "warn"]  # SUMO would take a vehicle away that a log leads into another
     libsumo.start(arguments)
     try:
         counts = _step_until_subject_left(libsumo, job)
@@ -134,13 +145,22 @@ def run_job(job: SumoJob) -> SumoRun:
 def _step_until_subject_left(libsumo, job: SumoJob) -> dict:
     simulation, vehicles = libsumo.simulation, libsumo.vehicle
     inserted = np.zeros(job.num_entrances, int)
-    num_collisions = num_teleports = num_vehicle_steps = num_frames = 0
+    num_collisions = num_overlaps = num_teleports = num_vehicle_steps = num_frames = 0
     step_s = simulation.getDeltaT()
     steps_per_frame = max(1, round(job.frame_interval_s / step_s))
     has_entered = has_left = False
     passed: dict[str, list[float]] = {edge: [] for edge in job.counted_edges}
     on_edge: dict[str, set[str]] = {edge: set() for edge in job.counted_edges}
+    driver = None
+    if job.control is not None:
+        from sim_adapters.sumo_driver import driver_of
+
+        driver = driver_of(libsumo, job.control, job)
     for step in range(round(job.end_s / step_s)):
+        if driver is not None and has_entered and not has_left and not driver.before_step(step):
+            has_left = True
+            if not job.counted_edges:
+                break
         libsumo.simulationStep()
         for departed in simulation.getDepartedIDList():
             entrance = job.entrance_of_flow.get(departed.rpartition(".")[0])
@@ -148,6 +168,8 @@ def _step_until_subject_left(libsumo, job: SumoJob) -> dict:
                 inserted[entrance] += 1
             has_entered |= departed == job.subject_vehicle
         num_collisions += simulation.getCollidingVehiclesNumber()
+        if driver is not None:
+            num_overlaps += job.subject_vehicle in simulation.getCollidingVehiclesIDList()
         num_teleports += simulation.getStartingTeleportNumber()
         num_vehicle_steps += vehicles.getIDCount()
         for edge, before in on_edge.items():
@@ -168,6 +190,7 @@ def _step_until_subject_left(libsumo, job: SumoJob) -> dict:
         "num_arrived": arrived,
         "num_inserted": inserted,
         "num_collisions": num_collisions,
+        "num_subject_overlaps": num_overlaps,
         "num_teleports": num_teleports,
         "num_vehicle_steps": num_vehicle_steps,
         "num_frames": num_frames,

@@ -1,6 +1,6 @@
 """Turns a scenario and a parameter vector into the surrogate's `World`; works on traced values."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import jax.numpy as jnp
 import numpy as np
@@ -9,6 +9,7 @@ from jaxtyping import Array, Float, Int
 from sim_adapters.best_lanes import LOOK_AHEAD_M, best_lanes
 from sim_adapters.errors import ScenarioError
 from sim_adapters.interface import ParameterLayout
+from sim_adapters.logged_drive import LoggedDrive, replay_of
 from sim_adapters.road_builder import build_road
 from sim_adapters.scenario import Scenario
 from sim_adapters.sumo_names import vehicle_class, with_attribute
@@ -18,6 +19,9 @@ from surrogate.effects.settings import Effects
 from surrogate.inflow import Inflow, SubjectPlan
 from surrogate.road import Road
 from surrogate.step import World
+from surrogate.subject.planner import Planner
+from surrogate.subject.registry import REPLAY, SubjectModel
+from surrogate.subject.replay import Replay
 from surrogate.vehicle_class import VehicleClass
 
 SMALLEST_FLOW_VEHPS = 1e-9
@@ -44,6 +48,9 @@ class WorldTemplate:
         class_values: their attributes.
         subject_entrance: entrance of the subject vehicle.
         subject_destination: its destination.
+        subject_model: who drives it.
+        sensor_range_m: how far it sees ahead and behind; its planner knows no more.
+        logged_drives: what it replays, if it does; put in with `dataclasses.replace`.
     """
 
     layout: ParameterLayout
@@ -62,6 +69,9 @@ class WorldTemplate:
     class_values: tuple[dict[str, float], ...]
     subject_entrance: int
     subject_destination: int
+    subject_model: SubjectModel = field(default_factory=SubjectModel)
+    sensor_range_m: tuple[float, float] = (150.0, 150.0)
+    logged_drives: tuple[LoggedDrive, ...] = ()
 
     def base_demand_vehph(self) -> np.ndarray:
         """Return the demand of each input as the scenario has it."""
@@ -128,7 +138,13 @@ class WorldTemplate:
             ),
             seed=seed,
             effects=effects,
+            driver=self._driver(depart_s, seed),
         )
+
+    def _driver(self, depart_s: Float[Array, ""], seed: Int[Array, ""]) -> Planner | Replay | None:
+        if self.subject_model.name == REPLAY:
+            return replay_of(self.logged_drives, depart_s, seed)
+        return self.subject_model.planner(*self.sensor_range_m)
 
     def batch_axes(self, has_effects: bool = False) -> World:
         """Return a world with 0 for each leaf that differs between runs and None for those that all runs share."""
@@ -141,7 +157,8 @@ class WorldTemplate:
         )
         inflow = Inflow(**(shared | {"flow_share": 0}))  # pyright: ignore[reportArgumentType]
         effects = 0 if has_effects else None
-        return World(None, inflow, 0, 0, subject, 0, effects)  # pyright: ignore[reportArgumentType]
+        driver = Replay(None, None, None, None, None, log=0) if self.subject_model.name == REPLAY else None  # pyright: ignore
+        return World(None, inflow, 0, 0, subject, 0, effects, driver)  # pyright: ignore[reportArgumentType]
 
     def _classes(self, behaviour: Float[Array, " parameter"]) -> tuple[VehicleClass, ...]:
         classes = []
@@ -151,16 +168,31 @@ class WorldTemplate:
             if name in self.layout.vtypes and not is_subject:
                 for index, attribute in enumerate(self.layout.attributes):
                     one = with_attribute(one, model, attribute, behaviour[index])
-            classes.append(one)
+            classes.append(self.subject_model.vehicle_class(one) if is_subject else one)
         return tuple(classes)
 
 
-def build_template(scenario: Scenario, layout: ParameterLayout) -> WorldTemplate:
+def build_template(
+    scenario: Scenario,
+    layout: ParameterLayout,
+    subject_model: SubjectModel | None = None,
+    sensor_range_m: tuple[float, float] = (150.0, 150.0),
+) -> WorldTemplate:
     """Return what all worlds of a scenario share.
 
+    Args:
+        scenario: road and traffic.
+        layout: meaning of parameter vectors.
+        subject_model: who drives the subject vehicle; its vType unless given.
+        sensor_range_m: how far it sees ahead and behind.
+
     Raises:
+        UnknownModelError: there is no such subject model or parameter.
+        ParameterRangeError: a parameter of it is out of range.
         ScenarioError: an input names a flow that the scenario lacks, or a vType is missing.
     """
+    subject_model = subject_model or SubjectModel()
+    subject_model.check()
     known = scenario.flow_by_id
     for name, flows in zip(layout.input_ids, layout.input_flows, strict=True):
         for flow in flows:
@@ -205,6 +237,8 @@ def build_template(scenario: Scenario, layout: ParameterLayout) -> WorldTemplate
         class_values=tuple(scenario.values_of(name) for name in names),
         subject_entrance=0,
         subject_destination=0,
+        subject_model=subject_model,
+        sensor_range_m=sensor_range_m,
     )
 
 

@@ -67,7 +67,7 @@ class ModelEntry(Generic[Model]):
             if name not in known:
                 raise UnknownModelError(f"{self.name} has no parameter '{name}'; it has {', '.join(known)}.")
             if isinstance(value, int | float):
-                _check(self.name, known[name], float(value))
+                check_range(self.name, known[name], float(value))
         numbers = {**self.fixed, **{one.name: one.usual for one in self.parameters}, **values}
         return self.model(**{name: jnp.asarray(value) for name, value in numbers.items()})
 
@@ -90,7 +90,12 @@ def find(entries: Sequence[ModelEntry[Model]], name: str, kind: str) -> ModelEnt
     raise UnknownModelError(f"there is no {kind} model '{name}'; known are {known}.")
 
 
-def _check(model: str, parameter: Parameter, value: float) -> None:
+def check_range(model: str, parameter: Parameter, value: float) -> None:
+    """Check a value.
+
+    Raises:
+        ParameterRangeError: it is not finite or outside its range.
+    """
     if not math.isfinite(value) or not parameter.lower <= value <= parameter.upper:
         raise ParameterRangeError(
             f"{model}: {parameter.name} is {value:g}; expected {parameter.lower:g} to {parameter.upper:g}."

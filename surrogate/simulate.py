@@ -48,6 +48,8 @@ class RunRecord(eqx.Module):
         num_on_road: most vehicles on the road at once, sampled at each block's end.
         num_vehicle_steps: vehicles on the road, summed over steps; counted at the ends of blocks.
         num_collisions: vehicle steps with overlapping vehicles.
+        num_subject_overlaps: steps in which a replayed subject vehicle overlaps another vehicle; None where none is
+            replayed.
         num_lost: newcomers that found the arrays full; a run with any is not valid.
         num_lane_changes: lane changes on the whole road by reason.
         subject_entered: whether the subject vehicle found its way onto the road.
@@ -61,6 +63,7 @@ class RunRecord(eqx.Module):
     num_on_road: Int[Array, ""]
     num_vehicle_steps: Int[Array, ""]
     num_collisions: Int[Array, ""]
+    num_subject_overlaps: Int[Array, ""] | None
     num_lost: Int[Array, ""]
     num_lane_changes: Int[Array, " reason"]
     subject_entered: Bool[Array, ""]
@@ -88,6 +91,11 @@ class RunPlan(eqx.Module):
         longer, shorter = sorted((self.steps_per_frame, self.clock.steps_per_decision), reverse=True)
         if longer % shorter:
             raise ValueError(f"Expected frames every multiple or part of {self.clock.steps_per_decision} steps.")
+
+    @property
+    def steps_before_decision(self) -> int:
+        """Steps from a frame to a decision; SUMO changes lanes anywhere between two frames, here it is the middle."""
+        return min(self.steps_per_frame, self.clock.steps_per_decision) // 2
 
 
 def observe_batch(
@@ -120,16 +128,14 @@ def observe_batch(
     frames_per_decision = max(1, clock.steps_per_decision // plan.steps_per_frame)
     cycles_per_block = max(1, round(plan.block_s / clock.step_s / max(plan.steps_per_frame, clock.steps_per_decision)))
     frames_per_block = cycles_per_block * frames_per_decision
-    # SUMO's lane changes lie anywhere between two frames; here they lie in the middle
-    steps = min(plan.steps_per_frame, clock.steps_per_decision)
-    steps_after = -(-steps // 2)
-    steps_before = steps - steps_after
+    steps_before = plan.steps_before_decision
+    steps_after = min(plan.steps_per_frame, clock.steps_per_decision) - steps_before
 
     def drive_on(
-        state: TrafficState, world: World, decides: Bool[Array, ""], num_tiles: Int[Array, ""]
+        state: TrafficState, world: World, decides: Bool[Array, ""], plans: Bool[Array, ""], num_tiles: Int[Array, ""]
     ) -> TrafficState:
         def settle(state: TrafficState) -> TrafficState:
-            return settle_lanes(state, world, clock, num_tiles)
+            return settle_lanes(state, world, clock, num_tiles, plans)
 
         def go(state: TrafficState, num_steps: int) -> TrafficState:
             return move_on(state, world, clock.step_s, num_steps, num_tiles)
@@ -165,7 +171,9 @@ def observe_batch(
             states, observed = carry
             decides = number % frames_per_decision == 0
             num_tiles = tiles_for(jnp.max(states.head[:, -1]) + most_newcomers, plan.capacity)
-            states = jax.vmap(lambda s, w: drive_on(s, w, decides, num_tiles), in_axes=(0, axes))(states, worlds)
+            states = jax.vmap(lambda s, w: drive_on(s, w, decides, is_seen, num_tiles), in_axes=(0, axes))(
+                states, worlds
+            )
             unseen = states.vehicles.track, states.num_tracks, observed
             track, num_tracks, observed = jax.lax.cond(
                 is_seen,
@@ -212,6 +220,7 @@ def _record(states: TrafficState, num_on_road: Int[Array, " run"], num_vehicle_s
         num_on_road=jnp.maximum(num_on_road, _num_on_road(states)),
         num_vehicle_steps=num_vehicle_steps,
         num_collisions=states.num_collisions,
+        num_subject_overlaps=states.num_subject_overlaps,
         num_lost=states.num_lost,
         num_lane_changes=states.num_lane_changes,
         subject_entered=states.subject_inserted,

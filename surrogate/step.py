@@ -3,7 +3,7 @@
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from surrogate.effects.apply import decided, road_demands, settled, with_lane_changes, with_memories
 from surrogate.effects.base import Moment
@@ -25,6 +25,9 @@ from surrogate.materialise import materialise
 from surrogate.neighbours import leader_at, own_leader, second_leader
 from surrogate.reorder import Moves, new_order, rearrange
 from surrogate.road import Road
+from surrogate.subject.control import with_plan, with_planned_acceleration
+from surrogate.subject.planner import Planner
+from surrogate.subject.replay import Replay, as_logged, impose, overlaps, staying, with_logged_lane
 from surrogate.tiles import Tile, all_tiles, for_each_tile
 from surrogate.traffic_state import TrafficState, VehicleArrays, empty_vehicles, with_changes
 from surrogate.vehicle_class import VehicleClass, select_by_class
@@ -65,6 +68,7 @@ class World(eqx.Module):
         subject: when and where the subject vehicle enters.
         seed: seed of the run.
         effects: what the baseline lacks; None for the baseline, whose program then knows nothing of effects.
+        driver: who drives the subject vehicle, if not the models of its class.
     """
 
     road: Road
@@ -74,6 +78,12 @@ class World(eqx.Module):
     subject: SubjectPlan
     seed: Int[Array, ""]
     effects: Effects | None = None
+    driver: Planner | Replay | None = None
+
+    @property
+    def subject_class(self) -> int:
+        """Class of the subject vehicle."""
+        return len(self.classes) - 1
 
 
 def initial_state(world: World, capacity: int, clock: Clock | None = None) -> TrafficState:
@@ -103,6 +113,7 @@ def initial_state(world: World, capacity: int, clock: Clock | None = None) -> Tr
         subject_left=jnp.zeros((), bool),
         num_tracks=jnp.zeros((), jnp.int32),
         num_collisions=jnp.zeros((), jnp.int32),
+        num_subject_overlaps=jnp.zeros((), jnp.int32) if isinstance(world.driver, Replay) else None,
         num_lost=jnp.zeros((), jnp.int32),
         num_lane_changes=jnp.zeros((len(Reason),), jnp.int32),
         manoeuvres=idle_manoeuvres(capacity) if has_manoeuvres else None,
@@ -110,7 +121,11 @@ def initial_state(world: World, capacity: int, clock: Clock | None = None) -> Tr
 
 
 def settle_lanes(
-    state: TrafficState, world: World, clock: Clock, num_tiles: Int[Array, ""] | int | None = None
+    state: TrafficState,
+    world: World,
+    clock: Clock,
+    num_tiles: Int[Array, ""] | int | None = None,
+    plans: Bool[Array, ""] | bool = True,
 ) -> TrafficState:
     """Return the state after one decision: vehicles change lane, leave and enter; no time passes.
 
@@ -119,6 +134,7 @@ def settle_lanes(
         world: the run.
         clock: lengths of steps.
         num_tiles: tiles that hold vehicles, see `surrogate.tiles`; all unless given.
+        plans: whether a planner plans; False saves the work while no subject vehicle of a batch is on its road.
     """
     now_s = state.step.astype(jnp.float32) * clock.step_s
     effects = world.effects
@@ -138,10 +154,26 @@ def settle_lanes(
     moment = Moment(state.vehicles, world.classes, world.seed, state.step, clock.step_s)
     if effects is not None:
         decision = materialise(decided(effects, decision, moment))
+    is_subject = state.vehicles.vehicle_class == world.subject_class
     manoeuvres, timing = state.manoeuvres, clock.change_timing
     closed = None
+    if isinstance(planner := world.driver, Planner):
+        with jax.named_scope("plan"):
+            decision = jax.lax.cond(
+                plans,
+                lambda: with_plan(decision, planner, place, world.classes, world.subject_class, clock.interval_s),
+                lambda: decision,
+            )
     if manoeuvres is not None and timing is not None:
+        planned = decision
+        if isinstance(world.driver, Replay):
+            decision = staying(decision, is_subject)
         decision, manoeuvres, closed = with_duration(decision, manoeuvres, state.vehicles, state.head, timing)
+        if isinstance(world.driver, Planner):
+            decision = with_planned_acceleration(decision, planned, is_subject)
+    if isinstance(world.driver, Replay):
+        # a log has the vehicle in its new lane at once, half way through its change
+        decision = with_logged_lane(decision, world.driver, state, is_subject)
     vehicles = with_changes(
         state.vehicles,
         own_advice_mps2=decision.own_advice_mps2,
@@ -164,8 +196,12 @@ def settle_lanes(
             clock.step_s,
             effects,
         )
+    if isinstance(world.driver, Replay):
+        candidates = as_logged(candidates, world.driver, world.road, state)
     destination_m = world.road.destination_end_m.at[vehicles.destination].get(mode="promise_in_bounds")
     leaves = vehicles.is_vehicle & (vehicles.position_m >= destination_m)
+    if isinstance(world.driver, Replay):
+        leaves |= is_subject & world.driver.is_over(state.step)
     moves = Moves(
         leaves_road=leaves,
         changes_row=(decision.direction != STAY) & ~leaves,
@@ -179,7 +215,7 @@ def settle_lanes(
         order = new_order(moves, vehicles, state.head)
         moved_from = vehicles.row
         row = jnp.where(order.has_moved, decision.target_row, vehicles.row)
-        vehicles = _look_up_lane(with_changes(vehicles, row=row), place)
+        vehicles = look_up_lane(with_changes(vehicles, row=row), place)
         if effects is not None:
             vehicles = materialise(road_demands(effects, vehicles, world.road, moment))
         newcomers = candidates.vehicles
@@ -191,7 +227,6 @@ def settle_lanes(
             manoeuvres = after_reorder(manoeuvres, moved_from, order, vehicles, lengths_m, timing)
     if effects is not None:
         vehicles = settled(effects, Moment(vehicles, world.classes, world.seed, state.step, clock.step_s))
-    subject_class = len(world.classes) - 1
     enters_as_other = order.has_entered & ~candidates.is_subject
     reasons = jnp.zeros_like(state.num_lane_changes).at[decision.reason].add(order.has_moved.astype(jnp.int32))
     return TrafficState(
@@ -203,9 +238,10 @@ def settle_lanes(
         next_arrival=queues.next_arrival,
         cumulated_demand=queues.cumulated_demand,
         subject_inserted=state.subject_inserted | jnp.any(order.has_entered & candidates.is_subject),
-        subject_left=state.subject_left | jnp.any(leaves & (state.vehicles.vehicle_class == subject_class)),
+        subject_left=state.subject_left | jnp.any(leaves & is_subject),
         num_tracks=state.num_tracks,
         num_collisions=state.num_collisions,
+        num_subject_overlaps=state.num_subject_overlaps,
         num_lost=state.num_lost + order.num_lost,
         num_lane_changes=state.num_lane_changes + reasons,
         manoeuvres=manoeuvres,
@@ -231,8 +267,8 @@ def move_on(
         model = vehicle_class.lane_change
         cooperative.append(jnp.clip(model.cooperative_speed, 0.0, 1.0) if isinstance(model, Lc2013) else jnp.ones(()))
 
-    def one_step(_: int, carry: tuple[_Motion, Array, Array]) -> tuple[_Motion, Array, Array]:
-        motion, step, num_collisions = carry
+    def one_step(_: int, carry: _Progress) -> _Progress:
+        motion, step, num_collisions, num_overlaps = carry
         vehicles = motion.of(state.vehicles)
         leader, beside = materialise(own_leader(vehicles)), None
         if state.manoeuvres is not None:
@@ -260,13 +296,24 @@ def move_on(
             return tile.write(motion, after), num_collisions + jnp.sum(has_collided & tile.is_new)
 
         motion, num_collisions = for_each_tile(one_tile, num_tiles, num_entries, (motion, num_collisions))
-        return motion, step + 1, num_collisions
+        if isinstance(world.driver, Replay) and num_overlaps is not None:
+            is_subject = state.vehicles.vehicle_class == world.subject_class
+            length_m = select_by_class([one.length_m for one in world.classes], state.vehicles.vehicle_class)
+            vehicles = impose(world.driver, motion.of(state.vehicles), is_subject, step + 1, step_s)
+            num_overlaps = num_overlaps + overlaps(vehicles, is_subject, length_m)
+            motion = _Motion.from_(vehicles)
+        return motion, step + 1, num_collisions, num_overlaps
 
     with jax.named_scope("move"):
-        carry = (_Motion.from_(state.vehicles), state.step, state.num_collisions)
-        motion, step, num_collisions = jax.lax.fori_loop(0, num_steps, one_step, carry)
-    vehicles = motion.of(state.vehicles)
-    return eqx.tree_at(lambda s: (s.vehicles, s.step, s.num_collisions), state, (vehicles, step, num_collisions))
+        carry = (_Motion.from_(state.vehicles), state.step, state.num_collisions, state.num_subject_overlaps)
+        motion, *counts = jax.lax.fori_loop(0, num_steps, one_step, carry)
+    moved = (motion.of(state.vehicles), *counts)
+    return eqx.tree_at(
+        lambda s: (s.vehicles, s.step, s.num_collisions, s.num_subject_overlaps),
+        state,
+        moved,
+        is_leaf=lambda leaf: leaf is None,
+    )
 
 
 class _Motion(eqx.Module):
@@ -293,7 +340,10 @@ class _Motion(eqx.Module):
         )
 
 
-def _look_up_lane(vehicles: VehicleArrays, place: Place) -> VehicleArrays:
+_Progress = tuple[_Motion, Array, Array, Array | None]  # motion, step, collisions, overlaps of a replayed vehicle
+
+
+def look_up_lane(vehicles: VehicleArrays, place: Place) -> VehicleArrays:
     """Return the vehicles with what the road demands of them in the row they are in now."""
     row = jnp.minimum(vehicles.row, place.road.num_rows - 1)
     return with_changes(

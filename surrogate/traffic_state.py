@@ -110,6 +110,8 @@ class TrafficState(eqx.Module):
         subject_left: whether the subject vehicle has reached its destination.
         num_tracks: vehicles that the subject vehicle has detected so far.
         num_collisions: vehicle steps with overlapping vehicles.
+        num_subject_overlaps: steps in which a replayed subject vehicle overlaps another vehicle; None where none is
+            replayed.
         num_lost: vehicles that could not enter because the arrays were full, summed over decisions.
         num_lane_changes: lane changes by reason; see `lane_change.base.Reason`.
         manoeuvres: changes under way; None where they take no time.
@@ -126,6 +128,7 @@ class TrafficState(eqx.Module):
     subject_left: Bool[Array, ""]
     num_tracks: Int[Array, ""]
     num_collisions: Int[Array, ""]
+    num_subject_overlaps: Int[Array, ""] | None
     num_lost: Int[Array, ""]
     num_lane_changes: Int[Array, " reason"]
     manoeuvres: Manoeuvres | None = None

@@ -107,7 +107,13 @@ STEM = "text of 1 to 200 characters without / and \\, not beginning with a dot"
         (
             "[subject]\n",
             "[subject]\nzzz = 1\n",
-            "subject.zzz: expected no such key; the keys here are vtype, vehicle.",
+            "subject.zzz: expected no such key; the keys here are vtype, vehicle, model, parameters.",
+        ),
+        ('"ego"', '"ego"\nmodel = 3', f"subject.model: expected {NAME}, got 3."),
+        (
+            '"ego"',
+            '"ego"\n[subject.parameters]\ntime_gap_s = "long"',
+            "subject.parameters: expected a table of numbers by name, got a table.",
         ),
         ("[behaviour]", "[behavior]", 'behavior: expected no such key; did you mean "behaviour"?'),
         ("[behaviour]", "[[behaviour]]", "behaviour: expected a table [behaviour], got a list."),
@@ -240,3 +246,43 @@ def test_any_change_reads_or_fails_in_one_line(case_folder: Path, data: st.DataO
         file.write_text(original)
     assert len(line) <= LONGEST_MESSAGE
     assert line.isprintable()
+
+
+@pytest.mark.parametrize(
+    ("model", "expected"),
+    [
+        ('model = "plan"', "subject.model: expected a known name: there is no subject model 'plan'; known are vtype, "),
+        (
+            'model = "planner"\n[subject.parameters]\nsafty_weight = 1',
+            "subject.parameters: expected a known name: planner has no parameter 'safty_weight'; it has safety_w",
+        ),
+        (
+            'model = "planner"\n[subject.parameters]\nyield_deceleration_mps2 = 9.0',
+            "subject.parameters: expected a value within its range: planner: yield_deceleration_mps2 is 9; expected",
+        ),
+        (
+            'model = "aovrv"\n[subject.parameters]\nsafety_weight = 1.0',
+            "subject.parameters: expected a known name: aovrv has no parameter 'safety_weight'; it has jam_gap_m, ",
+        ),
+        ('model = "replay"\nparameters = {x = 1.0}', "subject.parameters: expected a known name: replay has no param"),
+    ],
+)
+def test_a_driver_that_does_not_exist_is_refused(case_folder: Path, model: str, expected: str):
+    file = case_folder / "case.toml"
+    file.write_text(file.read_text().replace('"ego"\n', f'"ego"\n{model}\n'))
+    with pytest.raises(CaseError) as error:
+        read_case(case_folder)
+    assert str(error.value).startswith(f"case.toml: {expected}")
+
+
+def test_the_driver_of_the_subject_vehicle_is_its_vtype_unless_named(case_folder: Path):
+    subject = read_case(case_folder).subject
+    assert subject is not None
+    assert subject.model.name == "vtype"
+    file = case_folder / "case.toml"
+    file.write_text(
+        file.read_text().replace('"ego"\n', '"ego"\nmodel = "planner"\nparameters = {comfort_weight = 2}\n')
+    )
+    subject = read_case(case_folder).subject
+    assert subject is not None
+    assert (subject.model.name, dict(subject.model.parameters)) == ("planner", {"comfort_weight": 2.0})

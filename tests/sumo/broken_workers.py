@@ -34,6 +34,7 @@ def short_run(job: SumoJob) -> SumoRun:
         num_arrived=num_entered + 1,
         num_inserted=num_entered,
         num_collisions=0,
+        num_subject_overlaps=0,
         num_teleports=0,
         num_vehicle_steps=4,
         wall_s=0.0,

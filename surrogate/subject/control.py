@@ -1,0 +1,60 @@
+"""Puts a plan in the place of what the lane-change model would have done with the subject vehicle."""
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Bool
+
+from surrogate.lane_change.base import STAY, LaneChangeDecision, Reason
+from surrogate.lane_change.cooperation import NO_ADVICE
+from surrogate.lane_change.surroundings import Place
+from surrogate.subject.planner import Planner, plan
+from surrogate.subject.view import OWN_LANE, look_around
+from surrogate.vehicle_class import VehicleClass
+
+
+def with_planned_acceleration(
+    decision: LaneChangeDecision, planned: LaneChangeDecision, is_subject: Bool[Array, " vehicle"]
+) -> LaneChangeDecision:
+    """Return the decision with the acceleration planned for the subject vehicle, which goes on while it changes lane.
+
+    Args:
+        decision: what happens now, where lane changes take time.
+        planned: what `with_plan` returned.
+        is_subject: which vehicle is the subject vehicle.
+    """
+    advice = jnp.where(is_subject, planned.own_advice_mps2, decision.own_advice_mps2)
+    return eqx.tree_at(lambda d: d.own_advice_mps2, decision, advice)
+
+
+def with_plan(
+    decision: LaneChangeDecision,
+    planner: Planner,
+    place: Place,
+    classes: tuple[VehicleClass, ...],
+    subject_class: int,
+    interval_s: float,
+) -> LaneChangeDecision:
+    """Return the decision with the subject vehicle's part taken from its planner.
+
+    The planned acceleration is passed on as the vehicle's own advice, which counts as long as its class follows no
+    slower; what others ask of it is its planner's business, so it is dropped.
+    """
+    view = look_around(
+        place.vehicles, place.head, place.road, classes, subject_class, planner.ahead_m, planner.behind_m
+    )
+    chosen = plan(planner, view, interval_s)
+    is_needed = view.lanes.num_changes[OWN_LANE] > 0
+    reason = jnp.where(is_needed, Reason.STRATEGIC, Reason.SPEED_GAIN).astype(jnp.int32)
+    is_subject = place.vehicles.vehicle_class == subject_class
+    return LaneChangeDecision(
+        direction=jnp.where(is_subject, chosen.direction, decision.direction),
+        reason=jnp.where(is_subject, reason, decision.reason),
+        entry_ahead=jnp.where(is_subject & (chosen.direction != STAY), chosen.entry_ahead, decision.entry_ahead),
+        target_row=jnp.where(is_subject, chosen.target_row, decision.target_row),
+        own_advice_mps2=jnp.where(is_subject, chosen.acceleration_mps2, decision.own_advice_mps2),
+        asked_advice_mps2=jnp.where(is_subject, NO_ADVICE, decision.asked_advice_mps2),
+        gain_left_memory=decision.gain_left_memory,
+        gain_right_memory=decision.gain_right_memory,
+        keep_right_memory=decision.keep_right_memory,
+        look_ahead_speed_mps=decision.look_ahead_speed_mps,
+    )

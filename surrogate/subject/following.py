@@ -1,0 +1,86 @@
+"""A subject vehicle that follows by a model of its own, while others take it for a vehicle of its vType."""
+
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import ClassVar
+
+import equinox as eqx
+from jaxtyping import Array, Float
+
+from surrogate.car_following.base import CarFollowingModel, FollowingSituation
+from surrogate.vehicle_class import VehicleClass
+
+Value = Float[Array, "..."]
+
+
+class SubjectFollowing(CarFollowingModel):  # pyright: ignore[reportGeneralTypeIssues]  # fields are properties here
+    """A driver's model within the limits and the appearance of a vType.
+
+    How the vehicle follows, stops and slows down comes from the driver; what it can do, and the gaps that it and
+    others count on when somebody changes lane, from its vType. SUMO knows only the vType, so that both simulators let
+    others treat the subject vehicle alike.
+
+    Attributes:
+        driver: model that drives.
+        vtype: model of the vType.
+    """
+
+    habit_fields: ClassVar[Mapping[str, str]] = MappingProxyType({})  # it is no human driver
+    driver: CarFollowingModel
+    vtype: CarFollowingModel
+
+    @property
+    def draws_once_per_driver(self) -> bool:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """Whether the driver does."""
+        return self.driver.draws_once_per_driver
+
+    @property
+    def jam_gap_m(self) -> Value:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """That of the vType."""
+        return self.vtype.jam_gap_m
+
+    @property
+    def time_gap_s(self) -> Value:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """That of the vType."""
+        return self.vtype.time_gap_s
+
+    @property
+    def max_acceleration_mps2(self) -> Value:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """That of the vType."""
+        return self.vtype.max_acceleration_mps2
+
+    @property
+    def max_deceleration_mps2(self) -> Value:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """That of the vType."""
+        return self.vtype.max_deceleration_mps2
+
+    @property
+    def emergency_deceleration_mps2(self) -> Value:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """That of the vType."""
+        return self.vtype.emergency_deceleration_mps2
+
+    def acceleration(self, situation: FollowingSituation, step_s: float) -> Value:
+        """Return what the driver wants."""
+        return self.driver.acceleration(situation, step_s)
+
+    def stop_acceleration(self, situation: FollowingSituation, distance_m: Value, step_s: float) -> Value:
+        """Return how the driver stops."""
+        return self.driver.stop_acceleration(situation, distance_m, step_s)
+
+    def slow_acceleration(
+        self, situation: FollowingSituation, distance_m: Value, target_speed_mps: Value, step_s: float
+    ) -> Value:
+        """Return how the driver slows down."""
+        return self.driver.slow_acceleration(situation, distance_m, target_speed_mps, step_s)
+
+    def secure_gap_m(
+        self, speed_mps: Value, leader_speed_mps: Value, leader_deceleration_mps2: Value, step_s: float
+    ) -> Value:
+        """Return the gap of the vType."""
+        return self.vtype.secure_gap_m(speed_mps, leader_speed_mps, leader_deceleration_mps2, step_s)
+
+
+def driven_by(vehicle_class: VehicleClass, driver: CarFollowingModel) -> VehicleClass:
+    """Return the class with another driver in the same vehicle."""
+    following = SubjectFollowing(driver=driver, vtype=vehicle_class.car_following)  # pyright: ignore[reportCallIssue]
+    return eqx.tree_at(lambda one: one.car_following, vehicle_class, following)
