@@ -7,6 +7,7 @@ from jaxtyping import Array, Bool
 from surrogate.lane_change.base import STAY, LaneChangeDecision, Reason
 from surrogate.lane_change.cooperation import NO_ADVICE
 from surrogate.lane_change.surroundings import Place
+from surrogate.materialise import materialise
 from surrogate.subject.planner import Planner, plan
 from surrogate.subject.view import OWN_LANE, look_around
 from surrogate.vehicle_class import VehicleClass
@@ -42,7 +43,9 @@ def with_plan(
     view = look_around(
         place.vehicles, place.head, place.road, classes, subject_class, planner.ahead_m, planner.behind_m
     )
-    chosen = plan(planner, view, interval_s)
+    # both once for a vehicle, not once for each entry of the arrays that they are written into
+    view = materialise(view)
+    chosen = materialise(plan(planner, view, interval_s))
     is_needed = view.lanes.num_changes[OWN_LANE] > 0
     reason = jnp.where(is_needed, Reason.STRATEGIC, Reason.SPEED_GAIN).astype(jnp.int32)
     is_subject = place.vehicles.vehicle_class == subject_class
