@@ -20,6 +20,7 @@ from sim_adapters.sumo_replay import NO_SPEED_CHECKS, SumoReplay
 from sim_adapters.sumo_surroundings import Surroundings, vehicle_arrays
 from sim_adapters.sumo_worker import SumoJob
 from sim_adapters.world_builder import WorldTemplate
+from surrogate.inflow import subject_identity
 from surrogate.kinematics import move
 from surrogate.lane_change.base import STAY
 from surrogate.lane_change.surroundings import Place
@@ -41,11 +42,13 @@ class SubjectControl:
     Attributes:
         road: the surrogate's road.
         classes: vehicle classes, the subject vehicle's last.
-        class_of_vtype: index of each vType among the classes.
+        class_of_vtype: index of each other vehicle's vType among the classes.
         planner: its planner; None where it follows by a model and changes lane as SUMO does.
         steps_per_decision: steps between two plans.
         first_step: step of the first plan, on the scenario's clock.
         step_s: length of a step.
+        seed: seed of the run.
+        identity: what keys the subject vehicle's random numbers.
         log: the drive that it repeats instead; None where it decides for itself.
     """
 
@@ -56,6 +59,8 @@ class SubjectControl:
     steps_per_decision: int
     first_step: int
     step_s: float
+    seed: int
+    identity: int
     log: LoggedDrive | None = None
 
 
@@ -96,11 +101,14 @@ def subject_control(
     return SubjectControl(
         road=road,
         classes=classes,
-        class_of_vtype={name: index for index, name in enumerate(template.class_names)},
+        # without the subject vehicle's own class, whose vType others may have as well
+        class_of_vtype={name: index for index, name in enumerate(template.class_names[:-1])},
         planner=planner,
         steps_per_decision=clock.steps_per_decision,
         first_step=first_step,
         step_s=clock.step_s,
+        seed=request.seed,
+        identity=subject_identity(world.inflow.num_entrances),
         log=drives[choose(drives, request.depart_s, request.seed)] if drives else None,
     )
 
@@ -144,7 +152,8 @@ class SumoDriver:
         )
         speed_mps, direction, self._held_mps2 = _control(
             arrays, head, entry, self._control.road, self._control.classes, self._control.planner,
-            self._held_mps2, plans, interval_s=self._control.steps_per_decision * self._control.step_s,
+            self._held_mps2, plans, np.int32(self._control.seed), np.int32(step), np.int32(self._control.identity),
+            interval_s=self._control.steps_per_decision * self._control.step_s,
             step_s=self._control.step_s,
         )  # fmt: skip
         vehicles.setSpeed(self._vehicle, float(speed_mps))
@@ -206,6 +215,9 @@ def _control(
     planner: Planner | None,
     held_mps2: Float[Array, ""],
     plans: Bool[Array, ""],
+    seed: Int[Array, ""],
+    step: Int[Array, ""],
+    identity: Int[Array, ""],
     interval_s: float,
     step_s: float,
 ) -> tuple[Float[Array, ""], Int[Array, ""], Float[Array, ""]]:
@@ -224,6 +236,6 @@ def _control(
         vehicles = with_changes(vehicles, own_advice_mps2=own_advice)
     vehicles = look_up_lane(vehicles, place)
     nobody_asks = jnp.ones_like(vehicles.speed_mps)
-    number = jnp.zeros((), jnp.int32)  # no driver of a subject vehicle draws random numbers
-    moved, _ = move(vehicles, own_leader(vehicles), classes, nobody_asks, number, number, step_s)
+    vehicles = with_changes(vehicles, identity=vehicles.identity.at[entry].set(identity))
+    moved, _ = move(vehicles, own_leader(vehicles), classes, nobody_asks, seed, step, step_s)
     return moved.speed_mps[entry], direction, held_mps2

@@ -29,6 +29,11 @@ SMALLEST_GAP_M = 0.1  # SUMO's POSITION_EPS
 SPEED_FACTOR_BOUNDS = (0.2, 2.0)  # SUMO's defaults for normc
 
 
+def subject_identity(num_entrances: int) -> int:
+    """Return what keys the subject vehicle's random numbers."""
+    return num_entrances * ENTRANCE_STRIDE
+
+
 class Inflow(eqx.Module):
     """Where and as what vehicles enter.
 
@@ -191,7 +196,7 @@ def entrants(
     is_waiting = (arrival < queues.num_arrived[:, None]) | is_subject
 
     entrance = jnp.broadcast_to(jnp.arange(num_entrances, dtype=jnp.int32)[:, None], rank.shape)
-    identity = jnp.where(is_subject, num_entrances * ENTRANCE_STRIDE, entrance * ENTRANCE_STRIDE + arrival)
+    identity = jnp.where(is_subject, subject_identity(num_entrances), entrance * ENTRANCE_STRIDE + arrival)
     flow = _draw(inflow.flow_share, seed, identity, Purpose.FLOW)
     vehicle_class = jnp.take_along_axis(inflow.flow_class, flow, axis=1)
     vehicle_class = jnp.where(is_subject, subject.vehicle_class, vehicle_class)

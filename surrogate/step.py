@@ -85,6 +85,10 @@ class World(eqx.Module):
         """Class of the subject vehicle."""
         return len(self.classes) - 1
 
+    def is_subject(self, vehicles: VehicleArrays) -> Bool[Array, " vehicle"]:
+        """Return which vehicle is the subject vehicle."""
+        return vehicles.vehicle_class == self.subject_class
+
 
 def initial_state(world: World, capacity: int, clock: Clock | None = None) -> TrafficState:
     """Return an empty road at time 0.
@@ -154,7 +158,6 @@ def settle_lanes(
     moment = Moment(state.vehicles, world.classes, world.seed, state.step, clock.step_s)
     if effects is not None:
         decision = materialise(decided(effects, decision, moment))
-    is_subject = state.vehicles.vehicle_class == world.subject_class
     manoeuvres, timing = state.manoeuvres, clock.change_timing
     closed = None
     if isinstance(planner := world.driver, Planner):
@@ -167,13 +170,13 @@ def settle_lanes(
     if manoeuvres is not None and timing is not None:
         planned = decision
         if isinstance(world.driver, Replay):
-            decision = staying(decision, is_subject)
+            decision = staying(decision, world.is_subject(state.vehicles))
         decision, manoeuvres, closed = with_duration(decision, manoeuvres, state.vehicles, state.head, timing)
         if isinstance(world.driver, Planner):
-            decision = with_planned_acceleration(decision, planned, is_subject)
+            decision = with_planned_acceleration(decision, planned, world.is_subject(state.vehicles))
     if isinstance(world.driver, Replay):
         # a log has the vehicle in its new lane at once, half way through its change
-        decision = with_logged_lane(decision, world.driver, state, is_subject)
+        decision = with_logged_lane(decision, world.driver, state, world.is_subject(state.vehicles))
     vehicles = with_changes(
         state.vehicles,
         own_advice_mps2=decision.own_advice_mps2,
@@ -201,7 +204,7 @@ def settle_lanes(
     destination_m = world.road.destination_end_m.at[vehicles.destination].get(mode="promise_in_bounds")
     leaves = vehicles.is_vehicle & (vehicles.position_m >= destination_m)
     if isinstance(world.driver, Replay):
-        leaves |= is_subject & world.driver.is_over(state.step)
+        leaves |= world.is_subject(vehicles) & world.driver.is_over(state.step)
     moves = Moves(
         leaves_road=leaves,
         changes_row=(decision.direction != STAY) & ~leaves,
@@ -238,7 +241,7 @@ def settle_lanes(
         next_arrival=queues.next_arrival,
         cumulated_demand=queues.cumulated_demand,
         subject_inserted=state.subject_inserted | jnp.any(order.has_entered & candidates.is_subject),
-        subject_left=state.subject_left | jnp.any(leaves & is_subject),
+        subject_left=state.subject_left | jnp.any(leaves & world.is_subject(state.vehicles)),
         num_tracks=state.num_tracks,
         num_collisions=state.num_collisions,
         num_subject_overlaps=state.num_subject_overlaps,
@@ -297,7 +300,7 @@ def move_on(
 
         motion, num_collisions = for_each_tile(one_tile, num_tiles, num_entries, (motion, num_collisions))
         if isinstance(world.driver, Replay) and num_overlaps is not None:
-            is_subject = state.vehicles.vehicle_class == world.subject_class
+            is_subject = world.is_subject(state.vehicles)
             length_m = select_by_class([one.length_m for one in world.classes], state.vehicles.vehicle_class)
             vehicles = impose(world.driver, motion.of(state.vehicles), is_subject, step + 1, step_s)
             num_overlaps = num_overlaps + overlaps(vehicles, is_subject, length_m)

@@ -13,6 +13,9 @@ from jaxcalib.engines import sumo_engine
 from jaxcalib.problem import CalibrationProblem, read_problem
 from sim_adapters.interface import RunRequest
 from sim_adapters.logged_drive import LoggedDrive, choose, replay_of, resample
+from surrogate.effects.base import EffectSetting
+from surrogate.effects.registry import EFFECTS
+from surrogate.effects.settings import Effects, settings_table
 from surrogate.perception import Sensor, perceive
 from surrogate.simulate import RunPlan
 from surrogate.step import Clock, World, initial_state, move_on, settle_lanes
@@ -98,12 +101,16 @@ def logged(problem: CalibrationProblem) -> np.ndarray:
     return np.stack(columns, axis=1)[np.asarray(even.valid)]
 
 
-def in_surrogate(problem: CalibrationProblem, demand: float) -> tuple[np.ndarray, TrafficState]:
-    template, clock = problem.template, Clock(STEP_S, 10)
+def in_surrogate(
+    problem: CalibrationProblem, demand: float, duration_s: float = 0.0, effects: Effects | None = None
+) -> tuple[np.ndarray, TrafficState]:
+    template, clock = problem.template, Clock(STEP_S, 10, duration_s)
     values = template.base_values()
     values[: problem.layout.num_inputs] *= demand
     depart_s = problem.case.drives[0].depart_s
-    world = template.world(jnp.asarray(values, jnp.float32), jnp.asarray(4), jnp.asarray(depart_s, jnp.float32))
+    world = template.world(
+        jnp.asarray(values, jnp.float32), jnp.asarray(4), jnp.asarray(depart_s, jnp.float32), effects
+    )
     sensor = Sensor(jnp.asarray(150.0), jnp.asarray(150.0), 32)
     plan = RunPlan(clock, 0, 5)
 
@@ -117,7 +124,7 @@ def in_surrogate(problem: CalibrationProblem, demand: float) -> tuple[np.ndarray
         told = (seen.time_s, seen.subject_position_m, seen.subject_speed_mps, row, seen.valid)
         return state, jnp.stack([jnp.asarray(one, jnp.float32) for one in told])
 
-    state, rows = initial_state(world, 512), []
+    state, rows = initial_state(world, 512, clock), []
     for number in range(1440):
         state, told = frame(state, world, jnp.asarray(number % 2 == 0))
         if told[4]:
@@ -133,10 +140,18 @@ def differences(found: np.ndarray, log: np.ndarray) -> np.ndarray:
     return np.abs(found[inside] - log[place[inside]])
 
 
+# what else there is must not bend the log: other classes, drivers who differ, lane changes that take time
+WITH_EFFECTS = {effect.name: EffectSetting(effect.weak) for effect in EFFECTS}
+
+
 @pytest.mark.long
-def test_the_surrogate_repeats_the_log(problem: CalibrationProblem) -> None:
+@pytest.mark.parametrize(("duration_s", "effects"), [(0.0, {}), (3.0, {}), (0.0, WITH_EFFECTS)])
+def test_the_surrogate_repeats_the_log(
+    problem: CalibrationProblem, duration_s: float, effects: dict[str, EffectSetting]
+) -> None:
     log = logged(problem)
-    found, state = in_surrogate(problem, 1.0)
+    table = Effects(jnp.asarray(settings_table(effects), jnp.float32)) if effects else None
+    found, state = in_surrogate(problem, 1.0, duration_s, table)
     assert len(log) - 4 <= len(found) <= len(log)  # it enters at a decision
     apart = differences(found, log).max(axis=0)
     assert apart[1] < 1e-3
