@@ -27,7 +27,7 @@ from surrogate.reorder import Moves, new_order, rearrange
 from surrogate.road import Road
 from surrogate.subject.control import with_plan, with_planned_acceleration
 from surrogate.subject.planner import Planner
-from surrogate.subject.replay import Replay, as_logged, impose, overlaps, staying, with_logged_lane
+from surrogate.subject.replay import Replay, as_logged, entry_of_subject, impose, overlaps, staying, with_logged_lane
 from surrogate.tiles import Tile, all_tiles, for_each_tile
 from surrogate.traffic_state import TrafficState, VehicleArrays, empty_vehicles, with_changes
 from surrogate.vehicle_class import VehicleClass, select_by_class
@@ -201,6 +201,7 @@ def settle_lanes(
         )
     if isinstance(world.driver, Replay):
         candidates = as_logged(candidates, world.driver, world.road, state)
+        closed = None if closed is None else closed & ~entry_of_subject(candidates, closed)
     destination_m = world.road.destination_end_m.at[vehicles.destination].get(mode="promise_in_bounds")
     leaves = vehicles.is_vehicle & (vehicles.position_m >= destination_m)
     if isinstance(world.driver, Replay):

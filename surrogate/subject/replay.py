@@ -123,6 +123,12 @@ def as_logged(candidates: Entrants, replay: Replay, road: Road, state: TrafficSt
     )
 
 
+def entry_of_subject(candidates: Entrants, like: Bool[Array, " vehicle"]) -> Bool[Array, " vehicle"]:
+    """Return the entry behind which the subject vehicle enters now, if it does; no other vehicle keeps it out."""
+    enters = candidates.is_subject & candidates.enters
+    return jnp.zeros_like(like).at[jnp.where(enters, candidates.entry_ahead, 0)].max(enters)
+
+
 def _entry_ahead(
     state: TrafficState,
     is_subject: Bool[Array, " vehicle"],

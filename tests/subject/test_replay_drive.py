@@ -119,7 +119,7 @@ def in_surrogate(
         state = move_on(state, world, STEP_S, plan.steps_before_decision)
         state = jax.lax.cond(decides, lambda s: settle_lanes(s, world, clock), lambda s: s, state)
         state = move_on(state, world, STEP_S, 5 - plan.steps_before_decision)
-        state, seen = perceive(state, world.road, sensor, world.subject_class, state.step * STEP_S)
+        state, seen, _ = perceive(state, world.road, sensor, world.subject_class, state.step * STEP_S)
         row = jnp.sum(jnp.where(seen.object_is_subject, seen.object_row, 0))
         told = (seen.time_s, seen.subject_position_m, seen.subject_speed_mps, row, seen.valid)
         return state, jnp.stack([jnp.asarray(one, jnp.float32) for one in told])
