@@ -20,7 +20,7 @@ from sim_adapters.jax_simulator import JaxSimulator
 from sim_adapters.sumo_simulator import SumoSimulator
 
 COLUMNS = ("key", "status", "observed", "num_arrived", "num_inserted", "num_collisions", "num_teleports",
-           "num_vehicle_steps", "wall_s", "log_tail")  # fmt: skip
+           "num_subject_overlaps", "num_vehicle_steps", "wall_s", "log_tail")  # fmt: skip
 
 
 class Journal:
@@ -199,6 +199,7 @@ def _part_of(keys: list[str], outcomes: Sequence[RunOutcome]) -> dict[str, np.nd
         "num_inserted": np.asarray([outcome.num_inserted for outcome in outcomes]),
         "num_collisions": np.asarray([outcome.num_collisions for outcome in outcomes]),
         "num_teleports": np.asarray([outcome.num_teleports for outcome in outcomes]),
+        "num_subject_overlaps": np.asarray([outcome.num_subject_overlaps for outcome in outcomes]),
         "num_vehicle_steps": np.asarray([outcome.num_vehicle_steps for outcome in outcomes]),
         "wall_s": np.asarray([outcome.wall_s for outcome in outcomes]),
         "log_tail": np.asarray([outcome.log_tail for outcome in outcomes]),
@@ -220,6 +221,7 @@ def _outcome_of(columns: dict[str, np.ndarray], row: int) -> RunOutcome:
         num_inserted=columns["num_inserted"][row],
         num_collisions=int(columns["num_collisions"][row]),
         num_teleports=int(columns["num_teleports"][row]),
+        num_subject_overlaps=int(columns["num_subject_overlaps"][row]),
         num_vehicle_steps=int(columns["num_vehicle_steps"][row]),
         wall_s=float(columns["wall_s"][row]),
         log_tail=str(columns["log_tail"][row]),

@@ -41,6 +41,7 @@ class SimulationHealth(msgspec.Struct, frozen=True):
         failed: runs that failed.
         collisions: vehicle steps in a collision.
         teleports: vehicles that SUMO removed.
+        subject_overlaps: steps in which a replayed subject vehicle overlaps another vehicle.
         backlog_share: share of the demand that had not entered by the end.
     """
 
@@ -48,6 +49,7 @@ class SimulationHealth(msgspec.Struct, frozen=True):
     failed: int
     collisions: int
     teleports: int
+    subject_overlaps: int
     backlog_share: float
 
 

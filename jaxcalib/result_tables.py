@@ -227,6 +227,7 @@ def _health(record: CalibrationRecord) -> dict[str, SimulationHealth]:
             failed=sum(not outcome.status.is_ok for outcome in group),
             collisions=sum(outcome.num_collisions for outcome in group),
             teleports=sum(outcome.num_teleports for outcome in group),
+            subject_overlaps=sum(outcome.num_subject_overlaps for outcome in group),
             backlog_share=rounded(float(np.mean([outcome.backlog_share for outcome in group]))) or 0.0,
         )
         for name, group in outcomes.items()
