@@ -67,6 +67,10 @@ class SubjectControl:
 class Driver(Protocol):
     """Tells SUMO what the subject vehicle does."""
 
+    def enters(self, step: int) -> bool:
+        """Put the vehicle, which waits to enter, on the road before the coming step; return False to let SUMO do it."""
+        ...
+
     def before_step(self, step: int) -> bool:
         """Tell SUMO what the vehicle, which is on the road, does in the coming step; return False to end the run."""
         ...
@@ -137,6 +141,11 @@ class SumoDriver:
         self._radius_m, self._lane_place = radius_m, lane_place
         self._held_mps2 = np.float32(np.inf)
         self._is_there = False
+
+    def enters(self, step: int) -> bool:
+        """Leave it to SUMO when the vehicle enters."""
+        del step
+        return False
 
     def before_step(self, step: int) -> bool:
         """Tell SUMO what the vehicle does in the coming step."""

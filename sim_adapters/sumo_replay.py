@@ -38,17 +38,23 @@ class SumoReplay:
         self._lane_place = lane_place
         self._lanes: list[tuple[int, float, float, str]] = []
 
+    def enters(self, step: int) -> bool:
+        """Put the vehicle where its log begins, whoever is there, if it has departed but SUMO finds no room for it."""
+        sample = step - self._log.first_step
+        if not 0 <= sample < len(self._log.position_m) or self._vehicle not in self._sumo.vehicle.getLoadedIDList():
+            return False
+        self._begin()
+        return self._put(int(self._log.row[sample]), self._before_m(sample))
+
     def before_step(self, step: int) -> bool:
         """Tell SUMO where the vehicle is after the coming step; return False where its log is over."""
         vehicles, sample = self._sumo.vehicle, step - self._log.first_step
         if sample >= len(self._log.position_m):
             return False
-        if not self._lanes:
-            self._begin()
+        self._begin()
         sample = max(sample, 0)  # it may enter before the log begins; then it waits there
         row, position_m = int(self._log.row[sample]), float(self._log.position_m[sample])
-        before_m = position_m - float(self._log.speed_mps[sample]) * self._step_s
-        before_m = float(self._log.position_m[sample - 1]) if sample else before_m
+        before_m = self._before_m(sample)
         lane = vehicles.getLaneID(self._vehicle)
         place = self._lane_place.get(lane)
         if place is None:
@@ -62,7 +68,15 @@ class SumoReplay:
         vehicles.setSpeed(self._vehicle, max(position_m - here_m, 0.0) / self._step_s)
         return True
 
+    def _before_m(self, sample: int) -> float:
+        """Return where the vehicle is one step before a sample."""
+        if sample:
+            return float(self._log.position_m[sample - 1])
+        return float(self._log.position_m[0]) - float(self._log.speed_mps[0]) * self._step_s
+
     def _begin(self) -> None:
+        if self._lanes:
+            return
         vehicles = self._sumo.vehicle
         vehicles.setSpeedMode(self._vehicle, NO_SPEED_CHECKS)
         vehicles.setLaneChangeMode(self._vehicle, NO_LANE_CHECKS)

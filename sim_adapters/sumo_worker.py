@@ -157,9 +157,10 @@ def _step_until_subject_left(libsumo, job: SumoJob) -> dict:
 
         driver = driver_of(libsumo, job.control, job)
     for step in range(round(job.end_s / step_s)):
-        if driver is not None and has_entered and not has_left and not driver.before_step(step):
-            has_left = True
-            if not job.counted_edges:
+        if driver is not None and not has_left:
+            has_entered = has_entered or driver.enters(step)
+            has_left = has_entered and not driver.before_step(step)
+            if has_left and not job.counted_edges:
                 break
         libsumo.simulationStep()
         for departed in simulation.getDepartedIDList():

@@ -174,14 +174,18 @@ def test_traffic_that_it_runs_into_is_counted_and_the_order_of_all_others_holds(
 
 
 @pytest.mark.long
-def test_sumo_repeats_the_log(problem: CalibrationProblem) -> None:
+@pytest.mark.parametrize("demand", [1.0, 2.5])  # the latter leaves no room at the entrance for minutes
+def test_sumo_repeats_the_log(problem: CalibrationProblem, demand: float) -> None:
     log = logged(problem)
-    request = RunRequest(tuple(problem.template.base_values().tolist()), 4, problem.case.drives[0].depart_s)
+    values = problem.template.base_values()
+    values[: problem.layout.num_inputs] *= demand
+    request = RunRequest(tuple(values.tolist()), 4, problem.case.drives[0].depart_s)
     with sumo_engine(problem, num_processes=1) as engine:
         run = engine.start(request)[1].result()
     is_subject = run.vehicle == -1
     found = np.stack([run.time_s, run.position_m, run.speed_mps, run.row], axis=1)[is_subject]
     found = found[found[:, 0] >= log[0, 0] - 0.01]
+    assert found[0, 0] < log[0, 0] + 0.6
     assert len(found) > len(log) - 4
     apart = differences(found, log)
     assert apart[:, 1].max() < 1e-3
