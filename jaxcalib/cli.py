@@ -7,6 +7,8 @@ from typing import Annotated, Literal
 from cyclopts import App, Parameter
 from cyclopts.validators import Number
 
+from jaxcalib.compilation_cache import keep_compiled_programs
+
 EXIT_CASE_WRONG = 2
 EXIT_SIMULATOR_FAILED = 3
 EXIT_RESOURCE = 4
@@ -236,4 +238,5 @@ def validate(
 
 def main() -> None:
     """Run the command line."""
+    keep_compiled_programs()
     sys.exit(app())

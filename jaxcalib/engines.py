@@ -6,6 +6,7 @@ import numpy as np
 
 from jaxcalib.problem import FRAME_INTERVAL_S, CalibrationProblem
 from sim_adapters.jax_simulator import JaxSimulator
+from sim_adapters.program_store import program_store
 from sim_adapters.sumo_driver import subject_control
 from sim_adapters.sumo_simulator import FrameFold, SensorRange, SumoSimulator, VehicleCounter
 from sim_adapters.units import METRES_PER_KILOMETRE
@@ -52,6 +53,7 @@ def surrogate_engine(
         capacity=expected_vehicles(problem, spare_capacity),
         frame_interval_s=FRAME_INTERVAL_S,
         most_overfull_share=most_overfull_share,
+        programs=program_store(),
     )
 
 

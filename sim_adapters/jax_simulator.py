@@ -13,6 +13,7 @@ from jax.sharding import PartitionSpec as Spec
 from jaxtyping import Array, Float, Int
 
 from sim_adapters.interface import ParameterLayout, RunOutcome, RunRequest, Status
+from sim_adapters.program_store import ProgramStore, compile_afresh, one_leaf_each
 from sim_adapters.world_builder import WorldTemplate
 from surrogate.effects.settings import Effects, settings_table
 from surrogate.materialise import COMPILER_OPTIONS
@@ -49,6 +50,7 @@ class JaxSimulator:
         frame_interval_s: float = 0.5,
         most_overfull_share: float = 0.75,
         has_effects: bool = False,
+        programs: ProgramStore | None = None,
     ) -> None:
         """Prepare runs; nothing is compiled before the first.
 
@@ -65,7 +67,9 @@ class JaxSimulator:
                 are made again with more room, for then it is the room that is too small, not the candidates that are
                 too dense.
             has_effects: whether requests may name unmodelled effects; see `with_effects`.
+            programs: where compiled programs are kept for other processes; None keeps none.
         """
+        self._programs_kept = programs
         self._has_effects = has_effects
         self._template = template
         self._observer = observer
@@ -98,6 +102,7 @@ class JaxSimulator:
             frame_interval_s=self._steps_per_frame * self._clock.step_s,
             most_overfull_share=self._most_overfull_share,
             has_effects=True,
+            programs=self._programs_kept,
         )
 
     @property
@@ -164,7 +169,7 @@ class JaxSimulator:
         return [outcome for outcome in outcomes if outcome is not None]
 
     def _program(self, capacity: int) -> jax.stages.Compiled:
-        """Return the program for a batch, compiled when it is needed first."""
+        """Return the program for a batch, loaded or compiled when it is needed first."""
         with self._compiling:
             if capacity not in self._programs:
                 began = time.perf_counter()
@@ -175,10 +180,40 @@ class JaxSimulator:
                 )
                 if self._has_effects:
                     shapes += (jax.ShapeDtypeStruct((self._batch, *settings_table({}).shape), jnp.float32),)
-                program = jax.jit(partial(self._observe, capacity=capacity))
-                self._programs[capacity] = program.lower(*shapes).compile(COMPILER_OPTIONS)
+                self._programs[capacity] = self._load_or_compile(shapes, capacity)
                 self.compile_s += time.perf_counter() - began
             return self._programs[capacity]
+
+    def _load_or_compile(self, shapes: tuple[jax.ShapeDtypeStruct, ...], capacity: int) -> jax.stages.Compiled:
+        """Return the program for a batch: from the store if it is there."""
+        store, key = self._programs_kept, None
+        if store is not None:
+            made_from = (
+                self._template,
+                self._observer,
+                self._sensor,
+                self._clock,
+                self._end_s,
+                self._steps_per_frame,
+                self._has_effects,
+                self._batch,
+                capacity,
+            )
+            key = store.key(made_from)
+        if store is not None and key is not None:
+            kept = store.load(key, shapes, one_leaf_each(RunRecord))
+            if kept is not None:
+                return kept
+
+        def observe(*arguments: Array) -> RunRecord:
+            return self._observe(*arguments, capacity=capacity)
+
+        # a name of its own, so that JAX's cache finds it under no other key: from there it could not be kept again
+        observe.__name__ = "observe" if key is None else f"observe_{key[:12]}"
+        program, is_fresh = compile_afresh(jax.jit(observe).lower(*shapes), COMPILER_OPTIONS)
+        if store is not None and key is not None and is_fresh:
+            store.save(key, program)
+        return program
 
     def _run_once(self, requests: list[RunRequest], capacity: int) -> list[RunOutcome]:
         program = self._program(capacity)
