@@ -81,7 +81,7 @@ class JaxSimulator:
         self._most_overfull_share = most_overfull_share
         self._largest_capacity = 4 * self._capacity
         self._mesh = Mesh(np.asarray(jax.devices()), ("run",))
-        self._batch = (runs_per_device or _runs_per_device(self._capacity)) * self._mesh.size
+        self._batch = (runs_per_device or usual_runs_per_device(self._capacity)) * self._mesh.size
         self._programs: dict[int, jax.stages.Compiled] = {}
         self._compiling = threading.Lock()
         self.compile_s = 0.0
@@ -269,7 +269,7 @@ def _round_up(capacity: float) -> int:
     return int(-(-capacity // CAPACITY_STEP)) * CAPACITY_STEP
 
 
-def _runs_per_device(capacity: int) -> int:
+def usual_runs_per_device(capacity: int) -> int:
     """Return a power of 2; small batches waste less when few runs are asked for."""
     runs = 1 << max(0, VEHICLES_PER_DEVICE // capacity).bit_length() - 1
     return min(max(runs, LEAST_RUNS_PER_DEVICE), MOST_RUNS_PER_DEVICE)

@@ -106,6 +106,7 @@ def observe_batch(
     plan: RunPlan,
     first_frame_s: Float[Array, ""],
     end_s: Float[Array, ""],
+    states: TrafficState | None = None,
 ) -> RunRecord:
     """Return the records of a batch of runs.
 
@@ -117,6 +118,7 @@ def observe_batch(
         plan: step lengths and room.
         first_frame_s: frames begin after this time; no subject vehicle may depart earlier.
         end_s: runs end then at the latest.
+        states: the roads at time 0, with a leading axis for runs; empty ones unless given.
     """
     clock = plan.clock
     subject_class = len(worlds.classes) - 1
@@ -199,7 +201,8 @@ def observe_batch(
     # whole blocks are seen or not, so that a run sees the same frames in whichever batch it is
     steps_per_block = frames_per_block * plan.steps_per_frame
     first_seen_step = jnp.floor(first_frame_s / clock.step_s / steps_per_block).astype(jnp.int32) * steps_per_block
-    states = jax.vmap(first, in_axes=(axes,), axis_size=num_runs)(worlds)
+    if states is None:
+        states = jax.vmap(first, in_axes=(axes,), axis_size=num_runs)(worlds)
     start = observer.start()
     if worlds.effects is not None:
         start = start, start_of_sensing(blank_frame(worlds.road, sensor))
