@@ -7,6 +7,9 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 NARROWEST = 1e-3  # of the unit range
+KNOWN_WIDTHS = 3.0  # standard errors around what the logs say
+LEAST_HALF_WIDTH = 0.01  # of the unit range
+UNKNOWN_HALF_WIDTH = 0.35  # of the unit range, where the logs are silent
 INSIDE = 1e-6  # of the unit range: values are rounded
 
 
@@ -45,6 +48,16 @@ class SearchBox:
         """Return which points of the unit cube lie in the box; parameters that it does not search may be anywhere."""
         nearest = self.unit_of(self.box_of(unit))[:, self.chosen]
         return np.abs(nearest - unit[:, self.chosen]).max(axis=1) < INSIDE
+
+
+def half_width_of(unit_error: Float[np.ndarray, " parameter"]) -> Float[np.ndarray, " parameter"]:
+    """Return how far from its initial value each parameter is searched, as a share of its range.
+
+    Args:
+        unit_error: standard error of the initial value in the unit cube; inf where the logs are silent.
+    """
+    half_width = np.where(np.isfinite(unit_error), KNOWN_WIDTHS * unit_error, UNKNOWN_HALF_WIDTH)
+    return np.clip(half_width, LEAST_HALF_WIDTH, 0.5)
 
 
 def search_box(

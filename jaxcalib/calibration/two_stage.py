@@ -16,7 +16,7 @@ from jaxcalib.calibration.objective import Objective
 from jaxcalib.calibration.objective_choice import choose_objective
 from jaxcalib.calibration.optimisation import Optimisation, optimise, polish, polish_config
 from jaxcalib.calibration.screening import Screening, screen, small_array
-from jaxcalib.calibration.search_box import search_box
+from jaxcalib.calibration.search_box import half_width_of, search_box
 from jaxcalib.calibration.search_run import CourseEntry, Judged, SearchRun, best_of
 from jaxcalib.initial_values.initial_point import InitialPoint
 from jaxcalib.measures.measure import Level
@@ -26,9 +26,6 @@ from jaxcalib.search import SagaConfig
 from jaxcalib.settings import Settings
 
 NOISE_OFFSET = 50_000  # of the seeds of runs that only measure noise
-KNOWN_WIDTHS = 3.0  # standard errors around what the logs say
-LEAST_HALF_WIDTH = 0.01  # of the unit range
-UNKNOWN_HALF_WIDTH = 0.35  # where the logs are silent
 POLISH_RADIUS = 0.25  # of the box of known widths
 DRIFT = 2.0  # standard deviations of Stage 1's misfit over its drives
 
@@ -101,8 +98,7 @@ def search_two_stages(
     everything = range(len(space.names))
     start = space.unit_of(initial.values)
     evidence = evidence_of(initial)
-    half_width = np.where(np.isfinite(initial.unit_error), KNOWN_WIDTHS * initial.unit_error, UNKNOWN_HALF_WIDTH)
-    half_width = np.clip(half_width, LEAST_HALF_WIDTH, 0.5)
+    half_width = half_width_of(initial.unit_error)
     num_runs = evaluator.rounds_of(budget.runs_per_candidate)
 
     def objective_at(unit: Float[np.ndarray, " parameter"]) -> Objective:
