@@ -21,6 +21,7 @@ from jaxcalib.error_tables import change_table, effectiveness_table, part_by_rol
 from jaxcalib.measures.measure import MeasureValue
 from jaxcalib.result import CalibrationResult, Interval, SimulationHealth, rounded
 from jaxcalib.run_folder import LIBRARIES
+from jaxcalib.simulation_health import health_of
 
 NORMAL_90 = 1.645
 NEAR_BOUND = 0.005  # of the unit range
@@ -221,18 +222,7 @@ def _health(record: CalibrationRecord) -> dict[str, SimulationHealth]:
     }
     outcomes = {name: [outcome for runs in group for outcome in runs.outcomes] for name, group in groups.items()}
     outcomes["confirmation"] = list(record.confirmation.outcomes)
-    return {
-        name: SimulationHealth(
-            runs=len(group),
-            failed=sum(not outcome.status.is_ok for outcome in group),
-            collisions=sum(outcome.num_collisions for outcome in group),
-            teleports=sum(outcome.num_teleports for outcome in group),
-            subject_overlaps=sum(outcome.num_subject_overlaps for outcome in group),
-            backlog_share=rounded(float(np.mean([outcome.backlog_share for outcome in group]))) or 0.0,
-        )
-        for name, group in outcomes.items()
-        if group
-    }
+    return {name: health_of(group) for name, group in outcomes.items() if group}
 
 
 def _timing(record: CalibrationRecord) -> dict[str, float]:

@@ -10,7 +10,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from jaxcalib.report.figures import STYLE
+from jaxcalib.report.drawing import STYLE
 
 COLUMNS = 3
 MARKERS = "osD^vP*X<>hpd"

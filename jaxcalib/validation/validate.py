@@ -17,8 +17,9 @@ from jaxcalib.journal import JournaledSumo
 from jaxcalib.problem import FRAME_INTERVAL_S, CalibrationProblem, read_problem
 from jaxcalib.progress import Progress, Silent
 from jaxcalib.provenance import commit, versions
-from jaxcalib.result import SimulationHealth, rounded, to_json
+from jaxcalib.result import rounded, to_json
 from jaxcalib.run_folder import RunFolder, identify, open_run_folder
+from jaxcalib.simulation_health import health_of
 from jaxcalib.validation.calibrated_run import CalibratedRun, read_calibrated_run
 from jaxcalib.validation.comparison import (
     compare_distributions,
@@ -151,7 +152,7 @@ def _validate(
         errors=errors,
         volumes=_seen_volumes(problem, measures),
         counts=[_volume_entry(one) for one in count_volumes(counted, simulated_counts)] if counted else [],
-        health=_health(outcomes),
+        health=health_of(outcomes),
         runs=len(outcomes) + len(count_requests),
         seeds=[requests[0].seed, requests[-1].seed],
         num_rounds=len(rounds),
@@ -234,13 +235,3 @@ def _counts_of(
     with sumo_engine(problem, counter=counted) as sumo:
         outcomes = JournaledSumo(sumo, run_folder.journal).start(requests, progress.sumo_runs)()
     return gather([outcomes]).tally[0][[one.status.is_ok for one in outcomes]]
-
-
-def _health(outcomes: Sequence[RunOutcome]) -> SimulationHealth:
-    return SimulationHealth(
-        runs=len(outcomes),
-        failed=sum(not one.status.is_ok for one in outcomes),
-        collisions=sum(one.num_collisions for one in outcomes),
-        teleports=sum(one.num_teleports for one in outcomes),
-        backlog_share=rounded(float(np.mean([one.backlog_share for one in outcomes]))) or 0.0,
-    )

@@ -9,7 +9,7 @@ from jaxcalib.calibration.evidence import independent_evidence
 from jaxcalib.calibration.local_surface import local_surface
 from jaxcalib.calibration.optimisation import optimise, polish
 from jaxcalib.calibration.screening import screen, smallest_array
-from jaxcalib.calibration.search_box import search_box
+from jaxcalib.calibration.search_box import half_width_of, search_box
 from jaxcalib.search import SagaConfig, TrustRegionConfig
 
 WHOLE = search_box(np.full(3, 0.5), range(3), np.full(3, 0.5))
@@ -29,6 +29,11 @@ def test_a_box_stays_in_the_cube_and_holds_what_it_does_not_search(
     assert ((unit >= -1e-12) & (unit <= 1.0 + 1e-12)).all()
     assert unit[0, 1] == center[1]
     assert box.box_of(unit)[0] == pytest.approx(point, abs=1e-9)
+
+
+def test_known_parameters_are_searched_three_errors_around_and_unknown_ones_widely():
+    found = half_width_of(np.asarray([0.05, np.inf, 1e-6, 0.4]))
+    assert found == pytest.approx([0.15, 0.35, 0.01, 0.5])
 
 
 def test_screening_finds_the_planted_truth():

@@ -185,3 +185,15 @@ def test_an_unknown_optimiser_is_refused_with_the_known_ones(tmp_path: Path, cap
     message = capsys.readouterr().err
     assert all(name in message for name in OPTIMISERS)
     assert not (tmp_path / "study").exists()
+
+
+@pytest.mark.long
+def test_a_case_is_searched_in_the_surrogate_and_measured_on_fresh_seeds(tmp_path: Path):
+    out = tmp_path / "study"
+    case = Path(__file__).parents[2] / "experiments" / "cases" / "corridor"
+    options = ["--no-functions", "--seeds", "1", "--evaluations", "12", "--batch", "4", "--optimiser", "random"]
+    assert run(str(case), *options, "--out", str(out)) == 0
+    rows = pd.read_parquet(out / "rows.parquet")
+    assert rows["num_evaluated"].tolist() == [1, 3, 6, 12]
+    assert rows["accuracy_seen"].is_monotonic_increasing
+    assert ((rows["error"] > 0.0) & (rows["error_fit"] > 0.0)).all()
