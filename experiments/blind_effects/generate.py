@@ -1,0 +1,175 @@
+"""Makes sealed cases: SUMO runs, the log is written as a case, and the label is put away."""
+
+import json
+import multiprocessing
+import os
+import secrets
+import shutil
+from concurrent.futures import Executor, ProcessPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+from rich.progress import Progress
+
+from experiments.blind_effects.drive import record_drive
+from experiments.blind_effects.field_spec import FieldSpec
+from experiments.blind_effects.manipulation import ManipulationCheck, Measures, manipulation_check
+from experiments.blind_effects.plan import CALIBRATED, CasePlan, Size, draw_field, plan_cases
+from experiments.blind_effects.raw_measures import raw_measures
+from experiments.blind_effects.road import ROADS, Road
+from experiments.blind_effects.seal import Label, new_salt, root_of, seal_of
+from experiments.blind_effects.sensors import logs
+from experiments.blind_effects.traffic_files import scenario_config, scenario_demand, write_files
+
+Logs = tuple[pd.DataFrame, pd.DataFrame, float | None]
+DEPARTS_S = (0.0, 20.0, 40.0, 60.0, 80.0, 100.0)  # after the warm-up, in turn
+HELD_OUT_EVERY = 3
+SAME_TIME = (1_700_000_000, 1_700_000_000)  # of every file: its own would tell the order of making
+
+
+def make_drive(spec: FieldSpec, road_name: str, seed: int, depart_s: float) -> Logs:
+    """Return the logs of one drive, and when a standing vehicle stood."""
+    road = ROADS[road_name]
+    recording = record_drive(spec, road, seed, depart_s)
+    return *logs(recording, road, spec.sensor, seed), recording.stood_s
+
+
+def make_cases(
+    out: Path, key_file: Path, size: Size, roads: tuple[str, ...], drives: int, checks: int, twins: int, jobs: int
+) -> int:
+    """Make the cases of a plan that are not there yet and return how many there are.
+
+    Raises:
+        ValueError: the key lies where whoever diagnoses could read it, or belongs to another plan.
+    """
+    if out.resolve() in key_file.resolve().parents:
+        raise ValueError(f"{key_file}: expected outside {out}, where the labels stay withheld.")
+    settings: dict[str, Any] = {"size": size, "roads": list(roads), "drives": drives, "checks": checks, "twins": twins}
+    key = _read(key_file) or {"seed": secrets.randbits(63), "settings": settings, "cases": {}}
+    if key["settings"] != settings:
+        raise ValueError(f"{key_file}: expected the key of this plan, it is of {key['settings']}.")
+    _write(key_file, key)
+    plans = plan_cases(size, roads, key["seed"])
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(jobs, mp_context=context) as pool, Progress() as progress:
+        task = progress.add_task("cases", total=len(plans))
+        for plan in plans:
+            if plan.name not in key["cases"]:
+                label = make_case(plan, out, drives, checks, twins, pool)
+                key["cases"][plan.name] = {"salt": new_salt(), "label": label}
+                _write(key_file, key)
+                seals = {name: seal_of(one["salt"], one["label"]) for name, one in sorted(key["cases"].items())}
+                _write(out / "seals.json", {"format": 1, "cases": seals, "root": root_of(seals)})
+            progress.advance(task)
+    return len(plans)
+
+
+def make_case(plan: CasePlan, out: Path, drives: int, checks: int, twins: int, pool: Executor) -> Label:
+    """Make one case and return its label."""
+    road = ROADS[plan.road]
+    drawn = draw_field(plan)
+    departs_s = [road.warmup_s + DEPARTS_S[number % len(DEPARTS_S)] for number in range(drives + twins)]
+    seeds = [plan.seed + number for number in range(drives + twins)]
+    jobs = [pool.submit(make_drive, drawn.spec, plan.road, *one) for one in zip(seeds, departs_s, strict=True)]
+    num_checks = min(checks, drives) if drawn.spec != drawn.without else 0
+    plain = [
+        pool.submit(make_drive, drawn.without, plan.road, seeds[number], departs_s[number])
+        for number in range(num_checks)
+    ]
+    made = [job.result() for job in jobs]
+    label = drawn.label | {"num_drives": drives}
+    if num_checks > 1:
+        label["manipulation_check"] = dict(_checked(made[:num_checks], [job.result() for job in plain]))
+    if drawn.spec.standing:
+        _note_begin(label, [one[2] for one in made])
+    roles = ["held_out" if (number + 1) % HELD_OUT_EVERY == 0 else "fit" for number in range(drives)]
+    write_case(out / "cases" / plan.name, plan.name, road, made[:drives], departs_s, roles)
+    if twins:
+        more = roles + ["held_out"] * twins
+        write_case(out / "twins" / plan.name, plan.name, road, made, departs_s, more)
+    return label
+
+
+def _note_begin(label: Label, stood_s: list[float | None]) -> None:
+    """Put into the label when the vehicle came to stand, on average: traffic decides that, not the plan.
+
+    Raises:
+        RuntimeError: in some drive it did not, before the subject vehicle was through.
+    """
+    known_s = [one for one in stood_s if one is not None]
+    if len(known_s) < len(stood_s):
+        raise RuntimeError(f"The vehicle that was to stand did not in {len(stood_s) - len(known_s)} drives.")
+    place = label["place_and_time"]
+    place = place if "time_from_s" in place else place["blockage"]
+    place["time_from_s"] = round(sum(known_s) / len(known_s), 1)
+
+
+def _checked(ours: list[Logs], theirs: list[Logs]) -> ManipulationCheck:
+    with_effect: list[Measures] = [raw_measures(one[0], one[1]) for one in ours]
+    without: list[Measures] = [raw_measures(one[0], one[1]) for one in theirs]
+    changed = [not (one[0].equals(two[0]) and one[1].equals(two[1])) for one, two in zip(ours, theirs, strict=True)]
+    return manipulation_check(with_effect, without, changed)
+
+
+def write_case(folder: Path, name: str, road: Road, made: list[Logs], departs_s: list[float], roles: list[str]) -> None:
+    """Write a case; what lies there from a run that was killed goes."""
+    shutil.rmtree(folder, ignore_errors=True)
+    write_files(folder / "scenario", [("scenario.sumocfg", scenario_config(road))])
+    write_files(folder / "scenario", [("demand.rou.xml", scenario_demand(road))])
+    shutil.copyfile(road.net_file, folder / "scenario" / "net.net.xml")
+    (folder / "field").mkdir()
+    for number, (subject, objects, _) in enumerate(made, start=1):
+        subject.to_parquet(folder / "field" / f"d{number:02d}_subject.parquet", index=False)
+        objects.to_parquet(folder / "field" / f"d{number:02d}_objects.parquet", index=False)
+    write_files(folder, [("case.toml", _case_toml(name, road, departs_s, roles))])
+    for file in folder.rglob("*"):
+        os.utime(file, SAME_TIME)
+
+
+def _case_toml(name: str, road: Road, departs_s: list[float], roles: list[str]) -> str:
+    parameters = ", ".join(f'"{one}"' for one in CALIBRATED)
+    text = f"""format = 1
+name = "{name}"
+
+[scenario]
+config     = "scenario/scenario.sumocfg"
+warmup_s   = {road.warmup_s}
+duration_s = {road.duration_s}
+step_s     = 0.1
+
+[subject]
+vtype   = "subject"
+vehicle = "ego"
+
+[perception]
+ahead_m   = 150.0
+behind_m  = 150.0
+reference = "front"
+nominal_length_m = 4.8
+
+[behaviour]
+vtypes = ["car"]
+car_following = "IDM"
+parameters = [{parameters}]
+"""
+    for entrance in road.inputs_vehph:
+        flows = ", ".join(f'"{flow.id}"' for flow in road.flows if flow.entrance == entrance)
+        text += f'\n[[input]]\nid    = "{entrance}"\nflows = [{flows}]\n'
+    for number, role in enumerate(roles, start=1):
+        files = f"field/d{number:02d}"
+        text += f'\n[[drive]]\nid       = "d{number:02d}"\ndepart_s = {departs_s[number - 1]}\n'
+        text += f'subject  = "{files}_subject.parquet"\nobjects  = "{files}_objects.parquet"\nrole     = "{role}"\n'
+    return text
+
+
+def _read(file: Path) -> dict[str, Any] | None:
+    return json.loads(file.read_text(encoding="utf-8")) if file.is_file() else None
+
+
+def _write(file: Path, content: dict[str, Any]) -> None:
+    """Write a file whole or not at all."""
+    file.parent.mkdir(parents=True, exist_ok=True)
+    part = file.with_name(f"{file.name}.part")
+    part.write_text(json.dumps(content, indent=1), encoding="utf-8")
+    part.replace(file)

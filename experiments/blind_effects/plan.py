@@ -1,0 +1,153 @@
+"""Which cases to make: what is drawn at random, and from where."""
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from experiments.blind_effects.effects import EFFECTS, OTHER_MODELS
+from experiments.blind_effects.field_spec import DriverType, FieldSpec
+from experiments.blind_effects.road import BELIEVED_DRIVER, ROADS, SUBJECT, Road
+from experiments.blind_effects.seal import Label
+
+Size = Literal["tiny", "quick", "full"]
+LEVELS = ("weak", "medium", "strong")
+CALIBRATED = ("tau", "minGap", "accel", "decel", "speedFactor", "lcSpeedGain", "lcAssertive")
+# Relative half-widths. A calibration is expected to find any of these values: they are no effects.
+NEAR = dict(zip(CALIBRATED, (0.22, 0.2, 0.2, 0.2, 0.05, 0.2, 0.2), strict=True))
+FAR = dict(zip(CALIBRATED, (0.4, 0.4, 0.4, 0.35, 0.1, 0.4, 0.4), strict=True))
+NEAR_INPUTS, FAR_INPUTS = 0.06, 0.15
+LEAST_FAR = 0.5  # of the half-width: what is called far is far in every value
+
+
+@dataclass(frozen=True)
+class CasePlan:
+    """A case to make.
+
+    Attributes:
+        name: at random, tells nothing.
+        road: name of the road.
+        kind: single, pair, null, null_far, out_of_library or other_model.
+        effects: names and levels.
+        model: car-following model of the field.
+        seed: of everything random in it.
+    """
+
+    name: str
+    road: str
+    kind: str
+    effects: tuple[tuple[str, str], ...]
+    model: str
+    seed: int
+
+
+def plan_cases(size: Size, roads: tuple[str, ...], seed: int) -> list[CasePlan]:
+    """Return the cases of a plan in random order.
+
+    Args:
+        size: tiny (3 cases), quick (every effect at every level once) or full (four times, and more of the others).
+        roads: names of roads, in turn.
+        seed: whoever knows it knows the labels.
+    """
+    rng = np.random.default_rng(seed)
+    inside = [name for name, effect in EFFECTS.items() if not effect.is_outside]
+    outside = [name for name, effect in EFFECTS.items() if effect.is_outside]
+    wanted: list[tuple[str, tuple[tuple[str, str], ...], str]] = []
+
+    def add(kind: str, effects: tuple[tuple[str, str], ...] = (), model: str = "IDM") -> None:
+        wanted.append((kind, effects, model))
+
+    if size == "tiny":
+        add("single", ((str(rng.choice(inside)), "strong"),))
+        add("null")
+        add("out_of_library", ((str(rng.choice(outside)), "strong"),))
+    else:
+        times = 1 if size == "quick" else 4
+        for _ in range(times):
+            for name in inside:
+                for level in LEVELS:
+                    add("single", ((name, level),))
+            for name in outside:
+                for level in LEVELS[1:]:
+                    add("out_of_library", ((name, level),))
+        for _ in range(10 if size == "quick" else 50):
+            add("null")
+            add("null_far")
+        for _ in range(8 if size == "quick" else 60):
+            one, two = rng.choice(inside, 2, replace=False)
+            add("pair", ((str(one), "medium"), (str(two), "strong")))
+        for model in OTHER_MODELS:
+            for _ in range(2 if size == "quick" else 10):
+                add("other_model", (), model)
+    order = rng.permutation(len(wanted))
+    names = [f"{number:08x}" for number in rng.choice(2**32, len(wanted), replace=False)]
+    seeds = rng.integers(2**31 - 10_000, size=len(wanted))
+    return [
+        CasePlan(name, roads[int(at) % len(roads)], wanted[at][0], wanted[at][1], wanted[at][2], int(case_seed))
+        for name, at, case_seed in zip(names, order, seeds, strict=True)
+    ]
+
+
+@dataclass(frozen=True)
+class DrawnField:
+    """A field, and the same without its effects.
+
+    Attributes:
+        spec: the field.
+        without: the same without its effects.
+        label: what is true of it.
+    """
+
+    spec: FieldSpec
+    without: FieldSpec
+    label: Label
+
+
+def draw_field(plan: CasePlan) -> DrawnField:
+    """Draw what is random in a case."""
+    road = ROADS[plan.road]
+    rng = np.random.default_rng([plan.seed, 3])
+    is_far = plan.kind == "null_far"
+    theta = {name: _drawn(float(BELIEVED_DRIVER[name]), (FAR if is_far else NEAR)[name], is_far, rng) for name in NEAR}
+    width = FAR_INPUTS if is_far else NEAR_INPUTS
+    inputs = {name: round(_drawn(value, width, is_far, rng), 1) for name, value in road.inputs_vehph.items()}
+    attributes = BELIEVED_DRIVER | {name: f"{value:.4f}" for name, value in theta.items()}
+    attributes |= OTHER_MODELS.get(plan.model, {})
+    without = FieldSpec((DriverType(1.0, attributes),), dict(SUBJECT), inputs)
+    spec, effects, place = _injected(plan, road, without, rng)
+    label: Label = {
+        "kind": plan.kind,
+        "road": plan.road,
+        "model": plan.model,
+        "theta": {name: round(value, 4) for name, value in theta.items()},
+        "inputs": spec.inputs_vehph,
+        "effects": effects,
+        "place_and_time": place,
+    }
+    return DrawnField(spec, without, label)
+
+
+def _drawn(middle: float, width: float, is_far: bool, rng: np.random.Generator) -> float:
+    share = rng.uniform(-1.0, 1.0)
+    if is_far:
+        share = np.sign(share) * (LEAST_FAR + (1.0 - LEAST_FAR) * abs(share))
+    return float(middle * (1.0 + width * share))
+
+
+def _injected(
+    plan: CasePlan, road: Road, without: FieldSpec, rng: np.random.Generator
+) -> tuple[FieldSpec, list[Label], Label]:
+    spec = replace(without)
+    effects: list[Label] = []
+    places: list[Label] = []
+    for name, level in plan.effects:
+        effect = EFFECTS[name]
+        strength = float(f"{rng.uniform(*effect.strengths[level]):.3g}")
+        spec, place = effect.inject(spec, road, strength, rng)
+        one: Label = {"effect": name, "strength": strength, "level": level}
+        effects.append(one | ({"out_of_library": True} if effect.is_outside else {}))
+        places.append(place)
+    if len(places) < 2:
+        return spec, effects, places[0] if places else {}
+    by_name = {effect["effect"]: place for effect, place in zip(effects, places, strict=True)}
+    return spec, effects, by_name
