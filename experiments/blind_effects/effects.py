@@ -107,10 +107,9 @@ def _slow_start(spec: FieldSpec, road: Road, strength: float, rng: np.random.Gen
     for one in spec.drivers:
         full = float(one.attributes["accel"])
         low = full * (1.0 - strength)
-        profile = f"0 {low:.3f} 8 {low:.3f} 14 {full:.3f} 60 {full:.3f}"
-        changed.append(
-            replace(one, attributes=one.attributes | {"maxAccelProfile": profile, "desAccelProfile": profile})
-        )
+        profile = f"{low:.3f} {low:.3f} {full:.3f} {full:.3f}"
+        own = {"speedTable": "0 8 14 60", "maxAccelProfile": profile, "desAccelProfile": profile}
+        changed.append(replace(one, attributes=one.attributes | own))
     return replace(spec, drivers=tuple(changed)), {}
 
 
