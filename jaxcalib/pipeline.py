@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +19,7 @@ from jaxcalib.calibration.record import CalibrationRecord
 from jaxcalib.calibration.two_stage import search_two_stages
 from jaxcalib.case import Role
 from jaxcalib.engines import prepare_devices, sumo_engine, surrogate_engine
-from jaxcalib.initial_values.initial_point import InitialPoint, find_initial_point
+from jaxcalib.initial_values.initial_point import InitialPoint, find_initial_point, without_driver_logs
 from jaxcalib.journal import Journal, JournaledSumo, JournaledSurrogate
 from jaxcalib.outputs import write_outputs
 from jaxcalib.parameter_space import parameter_space, round_values
@@ -94,6 +95,8 @@ def _calibrate(
     began: float,
 ) -> CalibrationResult:
     plan = plan_budget(problem, scale)
+    if "correction" in settings.without:
+        plan = replace(plan, confirmation_rounds=1)
     first_seed = seed * SEEDS_PER_CALIBRATION
     stopwatch = Stopwatch(run_folder.journal.clock)
     stopwatch.add("reading", time.perf_counter() - began)
@@ -116,6 +119,8 @@ def _calibrate(
         progress.stage("initial_values")
         with stopwatch.time("initial_values"):
             initial = find_initial_point(problem, settings.scaling_factor, settings.bounds, seed)
+            if "logs" in settings.without:
+                initial = without_driver_logs(initial)
         compiled.result()
         surrogate = Evaluator(
             JournaledSurrogate(engine, journal),

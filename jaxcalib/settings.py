@@ -9,6 +9,8 @@ from msgspec import Meta
 
 from jaxcalib.errors import CaseError, shorten
 
+Part = Literal["logs", "saga", "polish", "gradients", "correction"]
+
 
 class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Options of a calibration.
@@ -20,6 +22,8 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         objective: "likelihood" weighs errors by their noise; "paper" takes the mean relative error of Eqs. 2 and 11.
         accuracy_threshold: a_thre of Algorithms 1 and 3; the accuracy that the truth shows on average unless given.
         literal: Algorithms 1 and 3 as printed, with their slips.
+        without: parts that are left out, to see what they buy: what the logs say of drivers, SAGA, the joint polish,
+            the gradient refinement, the search corrected by SUMO.
     """
 
     scaling_factor: Annotated[float, Meta(gt=0.0, lt=1.0)] = 0.2
@@ -28,6 +32,7 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     objective: Literal["likelihood", "paper"] = "likelihood"
     accuracy_threshold: Annotated[float, Meta(gt=0.0, le=1.0)] | None = None
     literal: bool = False
+    without: tuple[Part, ...] = ()
 
 
 def read_settings(file: Path | None) -> Settings:

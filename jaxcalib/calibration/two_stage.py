@@ -143,20 +143,26 @@ def search_two_stages(
         stop_at_threshold=settings.literal,
         literal=settings.literal,
     )
-    saga = optimise(run, critical_box, seeds, num_runs, config, seed, OPTIMISATION)
+    if "saga" in settings.without:
+        saga = _left_out(held, exploration.best_accuracy)
+    else:
+        saga = optimise(run, critical_box, seeds, num_runs, config, seed, OPTIMISATION)
     progress.best(saga.best_accuracy)
 
     polish_runs = evaluator.rounds_of(budget.polish_runs)
     joint_box = search_box(saga.best, everything, half_width)
-    polished = polish(
-        run, joint_box, saga.best, polish_runs,
-        polish_config(POLISH_RADIUS, budget.polish_iterations),
-        OPTIMISATION, [*explored, *saga.rounds],
-    )  # fmt: skip
+    if "polish" in settings.without:
+        polished = _left_out(saga.best, saga.best_accuracy)
+    else:
+        polished = polish(
+            run, joint_box, saga.best, polish_runs,
+            polish_config(POLISH_RADIUS, budget.polish_iterations),
+            OPTIMISATION, [*explored, *saga.rounds],
+        )  # fmt: skip
     known = [*explored, *saga.rounds, *polished.rounds]
     surface = local_surface(run.objective, joint_box, known, polished.best)
     refined = None
-    if not run.objective.is_relative:
+    if not run.objective.is_relative and "gradients" not in settings.without:
         num_moments = len(run.objective.moments.names)
         refined = refine(polished.best, initial, evidence, surface, joint_box, num_moments)
     last_point = polished.best if refined is None else refined.unit
@@ -204,6 +210,11 @@ def _hold(exploration: Screening, start: Float[np.ndarray, " parameter"], critic
         if parameter not in critical and stands_out:
             held[parameter] = levels[parameter]
     return held
+
+
+def _left_out(point: Float[np.ndarray, " parameter"], accuracy: float) -> Optimisation:
+    """Return what a search that is left out has found: where it would have begun."""
+    return Optimisation(point, accuracy, (), ())
 
 
 def _again(run: SearchRun, judged: Judged) -> Judged:

@@ -1,7 +1,7 @@
 """Where the search begins: what the logs say of inputs and driver parameters, with its error."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -74,6 +74,23 @@ def find_initial_point(
         source=("volume along the route",) * num_inputs + drivers.source,
         drivers=drivers,
         demand=demand,
+    )
+
+
+def without_driver_logs(initial: InitialPoint) -> InitialPoint:
+    """Return the initial point with the scenario's driver parameters, as if the logs were silent about them."""
+    num_inputs = len(initial.demand.values_vehph)
+    scenario = initial.scenario_values[num_inputs:]
+    inside = np.clip(scenario, initial.space.lower[num_inputs:], initial.space.upper[num_inputs:])
+    silent = np.full(len(scenario), np.inf)
+    source = ("scenario",) * len(scenario)
+    drivers = replace(initial.drivers, values=inside, unit_error=silent, source=source, replay_loss=None)
+    return replace(
+        initial,
+        values=np.concatenate([initial.values[:num_inputs], round_values(inside)]),
+        unit_error=np.concatenate([initial.unit_error[:num_inputs], silent]),
+        source=(*initial.source[:num_inputs], *source),
+        drivers=drivers,
     )
 
 

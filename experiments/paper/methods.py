@@ -1,0 +1,49 @@
+"""The methods that are compared, and the parts of ours that can be left out."""
+
+from collections.abc import Callable
+
+import msgspec
+
+from jaxcalib.settings import Settings
+
+NO_CALIBRATION, STATE_OF_THE_ART, PRINTED, IMPROVED = "no_calibration", "state_of_the_art", "printed", "improved"
+METHODS = (NO_CALIBRATION, STATE_OF_THE_ART, PRINTED, IMPROVED)
+LABELS = {
+    NO_CALIBRATION: "no calibration",
+    STATE_OF_THE_ART: "state of the art",
+    PRINTED: "method as printed",
+    IMPROVED: "method as improved",
+}
+PAPER_THRESHOLD = 0.8  # Section 5.4
+
+
+def settings_of(method: str, common: Settings) -> Settings:
+    """Return the settings of one of the two-stage methods.
+
+    Args:
+        method: PRINTED, IMPROVED, or the name of an ablation.
+        common: settings that all methods share, such as bounds.
+    """
+    if method == PRINTED:
+        return msgspec.structs.replace(
+            common,
+            objective="paper",
+            literal=True,
+            accuracy_threshold=common.accuracy_threshold or PAPER_THRESHOLD,
+            without=("logs", "polish", "gradients", "correction"),
+        )
+    if method == IMPROVED:
+        return common
+    return ABLATIONS[method](common)
+
+
+# What each part buys: the method as improved without it.
+ABLATIONS: dict[str, Callable[[Settings], Settings]] = {
+    "without_logs": lambda one: msgspec.structs.replace(one, without=(*one.without, "logs")),
+    "without_screening": lambda one: msgspec.structs.replace(one, num_critical=50),
+    "without_saga": lambda one: msgspec.structs.replace(one, without=(*one.without, "saga")),
+    "without_polish": lambda one: msgspec.structs.replace(one, without=(*one.without, "polish")),
+    "without_gradients": lambda one: msgspec.structs.replace(one, without=(*one.without, "gradients")),
+    "without_correction": lambda one: msgspec.structs.replace(one, without=(*one.without, "correction")),
+    "without_whitening": lambda one: msgspec.structs.replace(one, objective="paper"),
+}

@@ -1,0 +1,94 @@
+"""Traffic patterns: the case's own field, and fields simulated in SUMO from known parameters and stated demands."""
+
+import json
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from experiments.paper.drive_writer import write_drives
+from jaxcalib.errors import CaseError
+from jaxcalib.journal import write_atomically
+from jaxcalib.parameter_space import parameter_space, round_values
+from jaxcalib.problem import CalibrationProblem
+
+OWN_FIELD = 1
+TRUTH_SEED = 2015
+TRUTH_SPREAD = 0.1  # of the range, standard deviation of the known driver parameters around the scenario's
+FIELD_SEED = 2_100_000_000  # of the first drive of the first simulated pattern; calibrations use seeds below it
+SEEDS_PER_PATTERN = 10_000
+PATTERN_FILE = "pattern.json"
+
+
+@dataclass(frozen=True)
+class Demand:
+    """How the demand of a pattern differs from the scenario's.
+
+    Attributes:
+        name: what a person would call it.
+        total: factor on all inflows.
+        ramps: further factor on all inputs but the first.
+    """
+
+    name: str
+    total: float
+    ramps: float
+
+
+# Within the 20 % that Eqs. 5-6 search around the initial inflows, which the logs give.
+DEMANDS = (
+    Demand("own field", 1.0, 1.0),
+    Demand("light", 0.85, 1.0),
+    Demand("heavy", 1.1, 1.0),
+    Demand("busy ramps", 0.95, 1.4),
+    Demand("quiet ramps", 1.05, 0.6),
+)
+
+
+def true_values(problem: CalibrationProblem, demand: Demand) -> np.ndarray:
+    """Return the parameter values of a simulated pattern: the same drivers in all of them.
+
+    The drivers are drawn once, around the scenario's values; the seed is fixed, so that every user's are the same.
+    """
+    base = round_values(problem.template.base_values())
+    num_inputs = problem.layout.num_inputs
+    space = parameter_space(problem.layout, problem.model, base[:num_inputs], 0.5, {})
+    drawn = np.random.default_rng(TRUTH_SEED).standard_normal(len(base))
+    unit = np.clip(space.unit_of(base) + TRUTH_SPREAD * np.clip(drawn, -2.0, 2.0), 0.0, 1.0)
+    values = space.values_of(unit)
+    factor = demand.total * np.where(np.arange(num_inputs) > 0, demand.ramps, 1.0)
+    values[:num_inputs] = base[:num_inputs] * factor
+    return round_values(values)
+
+
+def prepare_pattern(problem: CalibrationProblem, number: int, folder: Path) -> Path:
+    """Return the folder of a pattern's case; it is made if it is not there yet.
+
+    Args:
+        problem: the case.
+        number: 1 for its own field, 2 and up for the further entries of `DEMANDS`.
+        folder: where the cases of patterns lie.
+
+    Raises:
+        CaseError: there is no such pattern.
+    """
+    if not 1 <= number <= len(DEMANDS):
+        raise CaseError("command line", "--patterns", f"expected 1 to {len(DEMANDS)}, got {number}.")
+    if number == OWN_FIELD:
+        return problem.case.folder
+    to = folder / f"pattern-{number}"
+    if (to / PATTERN_FILE).is_file():
+        return to
+    shutil.rmtree(to, ignore_errors=True)  # begun, and stopped before its end
+    shutil.copytree(problem.case.folder, to)
+    values = true_values(problem, DEMANDS[number - 1])
+    write_drives(problem, values.tolist(), FIELD_SEED + SEEDS_PER_PATTERN * number, to)
+    about = {
+        "pattern": number,
+        "demand": DEMANDS[number - 1].__dict__,
+        "parameters": dict(zip(problem.layout.names, values.tolist(), strict=True)),
+        "first_seed": FIELD_SEED + SEEDS_PER_PATTERN * number,
+    }
+    write_atomically(to / PATTERN_FILE, lambda file: file.write((json.dumps(about, indent=1) + "\n").encode()))
+    return to

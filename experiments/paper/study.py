@@ -1,0 +1,133 @@
+"""The study: every method on every traffic pattern, several times, each trial in a folder of its own."""
+
+import time
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from pathlib import Path
+
+import msgspec
+
+from experiments.paper.patterns import DEMANDS, prepare_pattern
+from experiments.paper.trial import Trial, table_of
+from experiments.paper.trial_runs import run_trial
+from jaxcalib.engines import prepare_devices
+from jaxcalib.errors import CaseError
+from jaxcalib.journal import write_atomically
+from jaxcalib.problem import read_problem
+from jaxcalib.progress import Progress
+from jaxcalib.provenance import commit, versions
+from jaxcalib.run_folder import identify, open_run_folder
+from jaxcalib.settings import Settings
+
+STUDY_FILE, TABLE = "study.json", "trials"
+FIRST_SEED = 1  # a calibration's seed; each trial of a pattern and repetition has one, the same for all methods
+SEEDS_PER_PATTERN = 100
+
+
+@dataclass(frozen=True)
+class StudyPlan:
+    """What is to be done.
+
+    Attributes:
+        case: the case's folder.
+        out: the study's folder.
+        methods: names of the methods.
+        patterns: numbers of the traffic patterns, from 1.
+        repetitions: of each.
+        budget: factor on the numbers of runs.
+        settings: what all methods share.
+        cores: devices that the surrogate uses.
+    """
+
+    case: Path
+    out: Path
+    methods: Sequence[str]
+    patterns: Sequence[int]
+    repetitions: int
+    budget: float
+    settings: Settings
+    cores: int
+
+
+def seed_of(pattern: int, repetition: int) -> int:
+    """Return the seed of a pattern and repetition."""
+    return FIRST_SEED + SEEDS_PER_PATTERN * (pattern - 1) + repetition
+
+
+def run_study(
+    plan: StudyPlan, progress_of: Callable[[str], AbstractContextManager[Progress]], say: Callable[[str], None] = print
+) -> list[Trial]:
+    """Make all trials that are not there yet, and write what there is after each of them.
+
+    Args:
+        plan: what is to be done.
+        progress_of: returns who is told of a trial, by its name.
+        say: told of each trial that is done.
+
+    Raises:
+        CaseError: the case, the options or the folder are wrong.
+        AllRunsFailedError: a simulator failed.
+    """
+    if not 1 <= plan.repetitions <= SEEDS_PER_PATTERN:
+        raise CaseError("command line", "--repetitions", f"expected 1 to {SEEDS_PER_PATTERN}, got {plan.repetitions}.")
+    prepare_devices(plan.cores)
+    problem = read_problem(plan.case)
+    options = {"study": "paper", "budget": plan.budget, "settings": repr(plan.settings)}
+    trials: list[Trial] = []
+    with open_run_folder(plan.out, identify(problem.case, options), resume=True):
+        for repetition in range(plan.repetitions):  # whole rounds first: what there is can be looked at meanwhile
+            for pattern in plan.patterns:
+                case = prepare_pattern(problem, pattern, plan.out / "cases")
+                for method in plan.methods:
+                    name = f"pattern-{pattern}/repetition-{repetition}/{method}"
+                    folder = plan.out / "trials" / name
+                    folder.mkdir(parents=True, exist_ok=True)
+                    began = time.perf_counter()
+                    with progress_of(name) as progress:
+                        one = run_trial(
+                            method, pattern, repetition, case, folder, seed=seed_of(pattern, repetition),
+                            budget=plan.budget, settings=plan.settings, progress=progress,
+                        )  # fmt: skip
+                    trials.append(one)
+                    write_data(plan, trials)
+                    say(f"{name}: vehicle-level error {one.vehicle_level:.3f}, {time.perf_counter() - began:.0f} s")
+    return trials
+
+
+def write_data(plan: StudyPlan, trials: list[Trial]) -> None:
+    """Write the table of trials as CSV and Parquet, and beside it what they were made with."""
+    table = table_of(trials)
+    write_atomically(plan.out / f"{TABLE}.csv", lambda file: table.to_csv(file, index=False))
+    write_atomically(plan.out / f"{TABLE}.parquet", lambda file: table.to_parquet(file, index=False))
+    about = {
+        "case": plan.case.name,
+        "methods": list(plan.methods),
+        "patterns": [DEMANDS[number - 1].__dict__ | {"pattern": number} for number in plan.patterns],
+        "repetitions": plan.repetitions,
+        "budget": plan.budget,
+        "settings": msgspec.to_builtins(plan.settings),
+        "seeds": {f"{one.pattern}/{one.repetition}": one.seed for one in trials},
+        "versions": versions("SALib"),
+        "commit": commit(),
+        "trials": [msgspec.to_builtins(one) for one in trials],
+    }
+    text = msgspec.json.format(msgspec.json.encode(about), indent=1) + b"\n"
+    write_atomically(plan.out / STUDY_FILE, lambda file: file.write(text))
+
+
+def read_study(out: Path) -> tuple[dict, list[Trial]]:
+    """Return what a study has written: how it was made, and its trials.
+
+    Raises:
+        CaseError: there is none, or it cannot be read.
+    """
+    file = out / STUDY_FILE
+    try:
+        about = msgspec.json.decode(file.read_bytes())
+        trials = msgspec.convert(about.pop("trials"), list[Trial])
+    except (OSError, KeyError, msgspec.DecodeError, msgspec.ValidationError):
+        raise CaseError(
+            file, "", "expected the data of a study; make it with python -m experiments.paper CASE."
+        ) from None
+    return about, trials

@@ -1,0 +1,195 @@
+"""Makes a trial: a calibration, or what stands in its place, and its errors in SUMO on drives it has not seen."""
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+
+from experiments.paper import state_of_the_art
+from experiments.paper.methods import NO_CALIBRATION, STATE_OF_THE_ART, settings_of
+from experiments.paper.trial import TRIAL_FILE, Trial, read_trial, trial_json
+from jaxcalib.calibration.budget import plan_budget
+from jaxcalib.calibration.evaluator import Evaluator
+from jaxcalib.calibration.final_errors import ROLES, FinalRuns, final_errors, runs_of_role, start_final_runs
+from jaxcalib.case import Role
+from jaxcalib.engines import sumo_engine, surrogate_engine
+from jaxcalib.initial_values.initial_point import demand_from_logs
+from jaxcalib.journal import JournaledSumo, JournaledSurrogate, write_atomically
+from jaxcalib.parameter_space import parameter_space, round_values
+from jaxcalib.pipeline import FINAL_SEEDS, SEARCH_SEED, SEEDS_PER_CALIBRATION, calibrate
+from jaxcalib.problem import CalibrationProblem, read_problem
+from jaxcalib.progress import Progress
+from jaxcalib.result import CalibrationResult
+from jaxcalib.run_folder import RunFolder, identify, open_run_folder
+from jaxcalib.settings import Settings
+
+# From the first case of Stage 1 to the values returned (Section 5.3.3); what the logs say before is not counted there.
+CALIBRATION_PARTS = ("stage1", "stage2_exploration", "stage2_optimisation", "confirmation")
+
+
+def run_trial(
+    method: str,
+    pattern: int,
+    repetition: int,
+    case: Path,
+    folder: Path,
+    *,
+    seed: int,
+    budget: float,
+    settings: Settings,
+    progress: Progress,
+) -> Trial:
+    """Make a trial, or go on with it, or return it if it has been made.
+
+    Args:
+        method: its name.
+        pattern: number of the traffic pattern, for the record.
+        repetition: number of the repetition, for the record.
+        case: folder of the pattern's case.
+        folder: for the journal and the result.
+        seed: of all random numbers.
+        budget: factor on the numbers of runs, the same for all methods.
+        settings: what all methods share.
+        progress: told how far it is.
+
+    Raises:
+        CaseError: the case or the folder is wrong.
+        AllRunsFailedError: a simulator failed.
+    """
+    file = folder / TRIAL_FILE
+    if file.is_file():
+        return read_trial(file)
+    if method in (NO_CALIBRATION, STATE_OF_THE_ART):
+        trial = _own_run(method, pattern, repetition, case, folder / "run", seed, budget, settings, progress)
+    else:
+        chosen = settings_of(method, settings)
+        result = calibrate(
+            case, folder / "run", seed=seed, budget=budget, resume=True, settings=chosen, progress=progress
+        )
+        trial = trial_of(method, pattern, repetition, seed, result)
+    write_atomically(file, lambda stream: stream.write(trial_json(trial).encode()))
+    return trial
+
+
+def trial_of(method: str, pattern: int, repetition: int, seed: int, result: CalibrationResult) -> Trial:
+    """Return what a study needs of the result of a calibration."""
+    role = "held_out" if any(one is not None for one in result.moes["calibrated"]["held_out"].values()) else "fit"
+    behaviour = next(iter(result.parameters["behaviour"].values()))
+    return Trial(
+        method=method,
+        pattern=pattern,
+        repetition=repetition,
+        seed=seed,
+        role=role,
+        errors=result.moes["calibrated"][role],
+        floor=result.moes["noise_floor"][role],
+        vehicle_level=result.vehicle_level_error["calibrated"][role]["value"],
+        surrogate_runs=result.runs["surrogate"],
+        sumo_runs=result.health["confirmation"].runs if "confirmation" in result.health else 0,
+        calibration_s=sum(result.wall_s.get(part, 0.0) for part in CALIBRATION_PARTS),
+        parameters={**result.parameters["demand"], **behaviour},
+        critical=list(result.critical_parameters),
+        num_drivers=len(behaviour),
+        stage2_undid_stage1=bool(result.confirmation["stage2_undid_stage1"]),
+        flow_accuracy=[float(one) for one in result.confirmation["flow_accuracy_stage1_saga_polish"]],
+    )
+
+
+def _own_run(
+    method: str,
+    pattern: int,
+    repetition: int,
+    case: Path,
+    folder: Path,
+    seed: int,
+    budget: float,
+    settings: Settings,
+    progress: Progress,
+) -> Trial:
+    problem = read_problem(case)
+    options = {"method": method, "seed": seed, "budget": budget, "settings": repr(settings)}
+    with open_run_folder(folder, identify(problem.case, options), resume=True) as run_folder:
+        values, runs, calibration_s = round_values(problem.template.base_values()), 0, 0.0
+        if method == STATE_OF_THE_ART:
+            values, runs, calibration_s = _searched(problem, run_folder, seed, budget, settings, progress)
+        errors = _errors_in_sumo(problem, run_folder, values, seed, budget, progress)
+    return Trial(
+        method=method,
+        pattern=pattern,
+        repetition=repetition,
+        seed=seed,
+        surrogate_runs=runs,
+        sumo_runs=0,
+        calibration_s=calibration_s,
+        parameters=dict(zip(problem.layout.names, values.tolist(), strict=True)),
+        critical=[],
+        num_drivers=len(problem.layout.attributes),
+        **errors,
+    )
+
+
+def _searched(
+    problem: CalibrationProblem,
+    run_folder: RunFolder,
+    seed: int,
+    budget: float,
+    settings: Settings,
+    progress: Progress,
+) -> tuple[np.ndarray, int, float]:
+    """Return values, runs and time of the state of the art; as many runs as our method plans at this budget."""
+    plan, journal = plan_budget(problem, budget), run_folder.journal
+    progress.plan(plan.num_surrogate_runs, plan.num_sumo_runs)
+    progress.stage("memetic algorithm on volumes and speeds")
+    demand = demand_from_logs(problem).values_vehph
+    space = parameter_space(problem.layout, problem.model, demand, settings.scaling_factor, settings.bounds)
+    scenario = problem.template.base_values()
+    start = space.unit_of(np.concatenate([demand, scenario[problem.layout.num_inputs :]]))
+    engine = surrogate_engine(problem)
+    with ThreadPoolExecutor(1) as thread:
+        thread.submit(engine.prepare).result()
+    first_seed = seed * SEEDS_PER_CALIBRATION + SEARCH_SEED
+    evaluator = Evaluator(
+        JournaledSurrogate(engine, journal), problem.departs_s("fit"), first_seed, progress.surrogate_runs
+    )
+    began, compiled_s = journal.clock(), engine.compile_s
+    best = state_of_the_art.search(
+        problem, space, start, evaluator, plan.runs_per_candidate, plan.num_surrogate_runs,
+        settings.accuracy_threshold, seed, progress.best,
+    )  # fmt: skip
+    elapsed_s = journal.clock() - began - (engine.compile_s - compiled_s)
+    return space.values_of(best[None])[0], evaluator.num_runs, elapsed_s
+
+
+def _errors_in_sumo(
+    problem: CalibrationProblem,
+    run_folder: RunFolder,
+    values: np.ndarray,
+    seed: int,
+    budget: float,
+    progress: Progress,
+) -> dict:
+    """Return the errors of values as a calibration measures them: same runs, same seeds, same pooling."""
+    plan, first_seed = plan_budget(problem, budget), seed * SEEDS_PER_CALIBRATION
+    counts: dict[Role, int] = {"held_out": plan.final_runs, "fit": plan.final_fit_runs}
+    progress.stage("final_errors")
+    with sumo_engine(problem) as pool:
+        sumo = JournaledSumo(pool, run_folder.journal)
+        waiting: dict[Role, Callable[[], FinalRuns]] = {
+            role: start_final_runs(
+                problem, sumo, values, role, counts[role], first_seed + FINAL_SEEDS[role], progress.sumo_runs
+            )
+            for role in FINAL_SEEDS
+        }
+        runs = {role: wait() for role, wait in waiting.items()}
+    for role in reversed(ROLES):  # held-out drives, or those to fit where there are none
+        pooled = runs_of_role(problem, runs, role)
+        found = final_errors(problem, role, pooled, pooled)
+        if found is not None:
+            return {
+                "role": role,
+                "errors": dict(found.pooled.errors),
+                "floor": found.floor,
+                "vehicle_level": found.pooled.vehicle_level,
+            }
+    raise RuntimeError("no drive could be judged")
