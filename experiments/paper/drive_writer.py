@@ -107,7 +107,7 @@ def log_tables(
             "heading_deg": 0.0,
         }
     )
-    return subject, objects[(ahead <= ahead_m) & (ahead >= -behind_m)]
+    return subject, objects.loc[(ahead <= ahead_m) & (ahead >= -behind_m), :]
 
 
 def _lane_number(geometry: RouteGeometry, edge: np.ndarray, row: np.ndarray) -> "pd.arrays.IntegerArray":

@@ -181,7 +181,7 @@ def _errors_in_sumo(
             )
             for role in FINAL_SEEDS
         }
-        runs = {role: wait() for role, wait in waiting.items()}
+        runs: dict[Role, FinalRuns] = {role: wait() for role, wait in waiting.items()}
     for role in reversed(ROLES):  # held-out drives, or those to fit where there are none
         pooled = runs_of_role(problem, runs, role)
         found = final_errors(problem, role, pooled, pooled)
