@@ -38,6 +38,7 @@ class PaperFigure:
             defined for them.
         against: that method; None for a number of one method alone.
         note: why the two cannot be compared, or only with care.
+        least_similarity: the bound of a share of pairs of patterns; None for a number of another kind.
     """
 
     name: str
@@ -46,6 +47,7 @@ class PaperFigure:
     ours: Callable[[Sequence[Pair]], float | None]
     against: str | None
     note: str
+    least_similarity: float | None = None
 
 
 def mean_error(trial: Trial) -> float:
@@ -82,18 +84,18 @@ def mean_errors(trials: Sequence[Trial]) -> dict[str, float | None]:
     return means
 
 
-def critical_sets(trials: Sequence[Trial]) -> list[list[str]]:
-    """Return the critical parameters of each pattern, of its first repetition."""
+def critical_sets(trials: Sequence[Trial]) -> dict[int, list[str]]:
+    """Return the critical parameters by pattern, of its first repetition."""
     first: dict[int, Trial] = {}
     for trial in sorted(trials, key=lambda one: one.repetition):
         if trial.critical:
             first.setdefault(trial.pattern, trial)
-    return [first[pattern].critical for pattern in sorted(first)]
+    return {pattern: first[pattern].critical for pattern in sorted(first)}
 
 
 def _similar(least: float) -> Callable[[Sequence[Pair]], float | None]:
     def share(pairs: Sequence[Pair]) -> float | None:
-        found = pair_shares(critical_sets([pair[0] for pair in pairs]), least)
+        found = pair_shares(list(critical_sets([pair[0] for pair in pairs]).values()), least)
         return None if found is None else 100.0 * found
 
     return share
@@ -130,9 +132,9 @@ PAPER_FIGURES = (
     PaperFigure("standard deviation of the calibration time over patterns [h]", "5.5.4", "2.38",
                 _deviation_h, None, "the paper's VISSIM takes days; ours seconds to minutes"),
     PaperFigure("pairs of patterns with a similarity (Eq. 37) of 0.3 or more [%]", "5.5.4", "100",
-                _similar(0.3), None, "see chance: what two random sets show"),
+                _similar(0.3), None, "see chance: what two random sets show", 0.3),
     PaperFigure("pairs of patterns with a similarity (Eq. 37) of 0.5 or more [%]", "5.5.4", "> 80",
-                _similar(0.5), None, "see chance: what two random sets show"),
+                _similar(0.5), None, "see chance: what two random sets show", 0.5),
     PaperFigure("calibrations in which Stage 2 undid Stage 1 beyond noise [%]", "5.5.3", "2 of 4 errors grew",
                 _undone, None, "the paper does not measure noise"),
 )  # fmt: skip
@@ -206,11 +208,10 @@ def _interval(ours: Callable[[Sequence[Pair]], float | None], pairs: list[Pair])
 
 def _chance(figure: PaperFigure, trials: Sequence[Trial]) -> float | None:
     """Return what two random sets of as many parameters would show."""
-    least = {"0.3": 0.3, "0.5": 0.5}.get(figure.name.split(" or more")[0].rpartition(" ")[2])
     sized = next((one for one in trials if one.critical), None)
-    if least is None or sized is None:
+    if figure.least_similarity is None or sized is None:
         return None
-    return 100.0 * chance_at_least(least, len(sized.critical), sized.num_drivers)
+    return 100.0 * chance_at_least(figure.least_similarity, len(sized.critical), sized.num_drivers)
 
 
 def chance_of(trials: Sequence[Trial]) -> float | None:

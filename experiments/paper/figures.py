@@ -154,12 +154,13 @@ def _similarity(trials: Sequence[Trial]) -> str | None:
 
     def draw(grid: list[list[Axes]]) -> None:
         for axes, method in zip(grid[0], ours, strict=True):
-            matrix = similarity_matrix(critical_sets([one for one in trials if one.method == method]))
+            sets = critical_sets([one for one in trials if one.method == method])
+            matrix = similarity_matrix(list(sets.values()))
             axes.imshow(matrix, vmin=0.0, vmax=1.0, cmap="Blues")
             for (row, column), value in np.ndenumerate(matrix):
                 axes.text(column, row, f"{value:.1f}", ha="center", va="center", fontsize=7,
                           color="white" if value > 0.6 else "black")  # fmt: skip
-            names = [str(number + 1) for number in range(len(matrix))]
+            names = [str(pattern) for pattern in sets]
             axes.set_xticks(range(len(names)), names)
             axes.set_yticks(range(len(names)), names)
             axes.set_title(f"{_label(method)}; chance: {chance:.2f}", fontsize=8)

@@ -6,6 +6,7 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
 
+import jax
 import msgspec
 
 from experiments.paper.patterns import DEMANDS, prepare_pattern
@@ -89,6 +90,7 @@ def run_study(
                             method, pattern, repetition, case, folder, seed=seed_of(pattern, repetition),
                             budget=plan.budget, settings=plan.settings, progress=progress,
                         )  # fmt: skip
+                    jax.clear_caches()  # the programs of one trial serve no other, and there are hundreds of trials
                     trials.append(one)
                     write_data(plan, trials)
                     say(f"{name}: vehicle-level error {one.vehicle_level:.3f}, {time.perf_counter() - began:.0f} s")
