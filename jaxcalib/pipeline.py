@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +16,7 @@ from jaxcalib.calibration.confirmation import Confirmation, confirm
 from jaxcalib.calibration.evaluator import Evaluator
 from jaxcalib.calibration.final_errors import FinalRuns, start_final_runs
 from jaxcalib.calibration.record import CalibrationRecord
-from jaxcalib.calibration.two_stage import search_two_stages
+from jaxcalib.calibration.two_stage import TwoStageResult, search_two_stages
 from jaxcalib.case import Role
 from jaxcalib.engines import prepare_devices, sumo_engine, surrogate_engine
 from jaxcalib.initial_values.initial_point import InitialPoint, find_initial_point, without_driver_logs
@@ -103,9 +103,8 @@ def _calibrate(
     progress.plan(plan.num_surrogate_runs, plan.num_sumo_runs)
     journal = run_folder.journal
     engine = surrogate_engine(problem)
-    with sumo_engine(problem) as sumo_pool, ThreadPoolExecutor(1) as thread:
+    with sumo_engine(problem) as sumo_pool:
         sumo = JournaledSumo(sumo_pool, journal)
-        compiled = thread.submit(engine.prepare)  # meanwhile the logs are fitted
 
         def start_final(values: np.ndarray) -> dict[Role, Callable[[], FinalRuns]]:
             counts: dict[Role, int] = {"held_out": plan.final_runs, "fit": plan.final_fit_runs}
@@ -116,26 +115,9 @@ def _calibrate(
                 for role, first in FINAL_SEEDS.items()
             }
 
-        progress.stage("initial_values")
-        with stopwatch.time("initial_values"):
-            initial = find_initial_point(problem, settings.scaling_factor, settings.bounds, seed)
-            if "logs" in settings.without:
-                initial = without_driver_logs(initial)
-        compiled.result()
-        surrogate = Evaluator(
-            JournaledSurrogate(engine, journal),
-            problem.departs_s("fit"),
-            first_seed + SEARCH_SEED,
-            progress.surrogate_runs,
-        )
-        found = search_two_stages(problem, initial, surrogate, settings, plan, seed, progress, journal.clock)
-        for name, wall_s in found.wall_s.items():
-            stopwatch.add(name, wall_s)
-        confirming = Evaluator(sumo, problem.departs_s("fit"), first_seed + CONFIRMATION_SEED, progress.sumo_runs)
-        with stopwatch.time("confirmation"):
-            confirmation = confirm(
-                found, initial, surrogate, confirming, plan, progress, lambda: stopwatch.start("corrected_search")
-            )
+        searched = search_values(problem, settings, plan, seed, engine, sumo, journal, progress, stopwatch)
+        initial, found, confirmation = searched.initial, searched.found, searched.confirmation
+        surrogate = searched.surrogate
         on_held_out = surrogate_on_held_out(problem, engine, journal, initial, confirmation, plan, first_seed)
         progress.stage("final_errors")
         with stopwatch.time("final_errors"):
@@ -172,6 +154,78 @@ def _calibrate(
     result = build_result(record)
     write_outputs(record, result, run_folder)
     return result
+
+
+@dataclass(frozen=True)
+class SearchedValues:
+    """What initial values, the two stages and the confirmation in SUMO found.
+
+    Attributes:
+        initial: where the search began.
+        found: what the two stages found in the surrogate.
+        confirmation: what SUMO made of it; its best point is the result.
+        surrogate: evaluator of the surrogate on the drives to fit.
+    """
+
+    initial: InitialPoint
+    found: TwoStageResult
+    confirmation: Confirmation
+    surrogate: Evaluator
+
+    @property
+    def values(self) -> np.ndarray:
+        """The result: parameter values in the order of the layout."""
+        return self.initial.space.values_of(self.confirmation.best[None])[0]
+
+
+def search_values(
+    problem: CalibrationProblem,
+    settings: Settings,
+    plan: Budget,
+    seed: int,
+    engine: JaxSimulator,
+    sumo: JournaledSumo,
+    journal: Journal,
+    progress: Progress,
+    stopwatch: "Stopwatch",
+) -> SearchedValues:
+    """Search the parameter values of a problem on the drives to fit, and confirm them in SUMO.
+
+    Args:
+        problem: the problem.
+        settings: the user's options.
+        plan: numbers of runs.
+        seed: of all random numbers.
+        engine: the surrogate; compiled while the logs are fitted.
+        sumo: SUMO.
+        journal: of the runs made.
+        progress: told of each stage.
+        stopwatch: takes the time of each part.
+
+    Raises:
+        AllRunsFailedError: a simulator failed.
+    """
+    first_seed = seed * SEEDS_PER_CALIBRATION
+    with ThreadPoolExecutor(1) as thread:
+        compiled = thread.submit(engine.prepare)  # meanwhile the logs are fitted
+        progress.stage("initial_values")
+        with stopwatch.time("initial_values"):
+            initial = find_initial_point(problem, settings.scaling_factor, settings.bounds, seed)
+            if "logs" in settings.without:
+                initial = without_driver_logs(initial)
+        compiled.result()
+    surrogate = Evaluator(
+        JournaledSurrogate(engine, journal), problem.departs_s("fit"), first_seed + SEARCH_SEED, progress.surrogate_runs
+    )
+    found = search_two_stages(problem, initial, surrogate, settings, plan, seed, progress, journal.clock)
+    for name, wall_s in found.wall_s.items():
+        stopwatch.add(name, wall_s)
+    confirming = Evaluator(sumo, problem.departs_s("fit"), first_seed + CONFIRMATION_SEED, progress.sumo_runs)
+    with stopwatch.time("confirmation"):
+        confirmation = confirm(
+            found, initial, surrogate, confirming, plan, progress, lambda: stopwatch.start("corrected_search")
+        )
+    return SearchedValues(initial, found, confirmation, surrogate)
 
 
 def surrogate_on_held_out(
