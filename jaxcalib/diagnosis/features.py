@@ -1,0 +1,130 @@
+"""Diagnostic features: quotients of tallies that add up over drives, each with the cell that it describes."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+SMALLEST = 1e-9
+
+
+class Cell(NamedTuple):
+    """What a feature describes.
+
+    Attributes:
+        channel: identity, replay or closed_loop.
+        measure: name with its unit as suffix.
+        regime: state of the traffic or time since an event; empty for all.
+        role: subject or background.
+        lane: counted from the left, 1 is the leftmost; None for all.
+        from_m: begin of the stretch of route; None for all.
+        to_m: its end.
+        from_s: begin of the time; None for all.
+        to_s: its end.
+        is_logarithmic: whether its logarithm is judged: for what cannot be negative and varies by factors.
+    """
+
+    channel: str
+    measure: str
+    regime: str = ""
+    role: str = "background"
+    lane: int | None = None
+    from_m: float | None = None
+    to_m: float | None = None
+    from_s: float | None = None
+    to_s: float | None = None
+    is_logarithmic: bool = False
+
+    @property
+    def name(self) -> str:
+        """A name that tells it from all others."""
+        parts = [self.channel, self.measure, self.regime, self.role]
+        if self.lane is not None:
+            parts.append(f"lane {self.lane}")
+        if self.from_m is not None:
+            parts.append(f"{self.from_m:.0f}-{self.to_m:.0f} m")
+        if self.from_s is not None:
+            parts.append(f"{self.from_s:.0f}-{self.to_s:.0f} s")
+        return " | ".join(part for part in parts if part)
+
+
+class TallyBook:
+    """Collects the tallies of one drive."""
+
+    def __init__(self) -> None:
+        """Begin with nothing."""
+        self.sums: dict[Cell, tuple[float, float]] = {}
+
+    def quotient(self, cell: Cell, above: float, below: float) -> None:
+        """Enter a feature's two tallies."""
+        self.sums[cell] = (float(above), float(below))
+
+    def mean(self, cell: Cell, values: np.ndarray, chosen: np.ndarray) -> None:
+        """Enter the mean of a quantity over chosen rows."""
+        self.sums[cell] = (float(values[chosen].sum()), float(chosen.sum()))
+
+
+@dataclass(frozen=True)
+class DriveTallies:
+    """Tallies of several drives.
+
+    Attributes:
+        cells: the features.
+        above: numerators, [drive, feature].
+        below: denominators, [drive, feature].
+        depart_s: when each drive's subject vehicle departs.
+    """
+
+    cells: tuple[Cell, ...]
+    above: np.ndarray
+    below: np.ndarray
+    depart_s: np.ndarray
+
+    def __len__(self) -> int:
+        """Return the number of drives."""
+        return len(self.above)
+
+    def take(self, drives: np.ndarray | Sequence[int]) -> "DriveTallies":
+        """Return some of the drives."""
+        return DriveTallies(self.cells, self.above[drives], self.below[drives], self.depart_s[drives])
+
+    def keep(self, features: np.ndarray) -> "DriveTallies":
+        """Return some of the features."""
+        cells = tuple(cell for cell, kept in zip(self.cells, features, strict=True) if kept)
+        return DriveTallies(cells, self.above[:, features], self.below[:, features], self.depart_s)
+
+    @property
+    def is_logarithmic(self) -> np.ndarray:
+        """Whether the logarithm of each feature is judged."""
+        return np.asarray([cell.is_logarithmic for cell in self.cells], bool)
+
+    def values(self) -> np.ndarray:
+        """Return the features of all drives pooled; nan where nothing was seen."""
+        return pooled_values(self.above.sum(axis=0), self.below.sum(axis=0), self.is_logarithmic)
+
+    def influence(self) -> np.ndarray:
+        """Return how much each drive moves the pooled features times the number of drives; the mean over drives is 0.
+
+        Source: delta method for ratios of means, e.g. Cochran (1977), Sampling Techniques, ch. 6.
+        """
+        mean_above, mean_below = self.above.mean(axis=0), self.below.mean(axis=0)
+        safe = np.where(mean_below > 0, mean_below, np.nan)
+        ratio = mean_above / safe
+        moved = (self.above - ratio * self.below) / safe
+        return np.where(self.is_logarithmic, moved / np.maximum(ratio, SMALLEST), moved)
+
+
+def pooled_values(above: np.ndarray, below: np.ndarray, is_logarithmic: np.ndarray) -> np.ndarray:
+    """Return features of pooled tallies; leading axes are allowed."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio = np.where(below > 0, above / below, np.nan)
+        return np.where(is_logarithmic, np.log(np.maximum(ratio, SMALLEST)), ratio)
+
+
+def gather_tallies(books: Iterable[TallyBook], depart_s: Sequence[float]) -> DriveTallies:
+    """Return the tallies of drives; what a drive lacks counts as never observed."""
+    books = list(books)
+    cells = tuple(dict.fromkeys(cell for book in books for cell in book.sums))
+    table = np.asarray([[book.sums.get(cell, (0.0, 0.0)) for cell in cells] for book in books])
+    return DriveTallies(cells, table[..., 0], table[..., 1], np.asarray(depart_s, float))
