@@ -18,6 +18,8 @@ RING_BORDERS = (0.3, 0.5, 0.6, 0.7, 0.8, 0.9, 0.97)  # of the range
 OFF_CENTRE_M = 0.3
 HELD_MPS2 = 0.06
 ACTING_MPS2 = 0.15
+RHYTHM_STEPS = 15
+SUBJECT_HELD_MPS2 = 2e-3  # its acceleration is logged, not taken from speeds
 
 
 def count_identities(table: DriveTable, road: Conventions, book: TallyBook) -> None:
@@ -87,6 +89,8 @@ def _range(table: DriveTable, road: Conventions, book: TallyBook, objects: np.nd
     first = objects & (table.before < 0) & (table.instant > 0)
     rear = np.where(table.offset_m > 0, road.ahead_m, road.behind_m) - np.abs(table.offset_m)
     inside = rear > EDGE_M
+    for begin_m, end_m in road.merge_m:  # vehicles come from ramps and leave by them
+        inside &= (table.position_m < begin_m - EDGE_M) | (table.position_m > end_m + EDGE_M)
     count = objects & inside
     book.quotient(Cell(CHANNEL, "lost_inside_range_phs"), 100.0 * (last & inside).sum(), table.interval_s * count.sum())
     book.quotient(Cell(CHANNEL, "found_inside_range_phs"), 100.0 * (first & inside).sum(), table.interval_s * count.sum())
@@ -116,6 +120,22 @@ def _acting(table: DriveTable, book: TallyBook, objects: np.ndarray) -> None:
         book.quotient(cell, (moving & (jerk > border)).sum(), moving.sum())
     cell = Cell(CHANNEL, "acceleration_step_square_m2ps4", is_logarithmic=True)
     book.quotient(cell, (jerk[moving] ** 2).sum() + 1e-6 * moving.sum(), moving.sum())
+    order = table.by_track
+    jump = np.where(moving, np.maximum(jerk - HELD_MPS2, 0.0), 0.0)[order]
+    unbroken = np.cumsum((np.diff(table.track[order], prepend=-9) != 0) | ~moving[order])
+    _rhythm(book, jump, unbroken, step, "background")
+
+
+def _rhythm(book: TallyBook, jump: np.ndarray, unbroken: np.ndarray, step_s: float, role: str) -> None:
+    """Enter how much likelier a jump of acceleration is some steps after another than a step earlier or later."""
+    square = (jump**2).sum() + 1e-9
+    product = [
+        (jump[lag:] * jump[:-lag])[unbroken[lag:] == unbroken[:-lag]].sum() if lag < len(jump) else 0.0
+        for lag in range(1, RHYTHM_STEPS + 2)
+    ]
+    for lag in range(2, RHYTHM_STEPS + 1):
+        contrast = product[lag - 1] - 0.5 * (product[lag - 2] + product[lag])
+        book.quotient(Cell(CHANNEL, "rhythm_of_acting", f"{lag * step_s:.1f} s", role=role), contrast, square)
 
 
 def _subject(table: DriveTable, book: TallyBook) -> None:
@@ -125,7 +145,7 @@ def _subject(table: DriveTable, book: TallyBook) -> None:
     jerk = np.abs(np.diff(acceleration))
     moving = valid & (speed[1:] > 1.0)
     active = moving & (np.abs(acceleration[1:]) > 0.02)
-    book.quotient(Cell(CHANNEL, "held_acceleration_share", role="subject"), (active & (jerk < 2e-3)).sum(), active.sum())
+    book.quotient(Cell(CHANNEL, "held_acceleration_share", role="subject"), (active & (jerk < SUBJECT_HELD_MPS2)).sum(), active.sum())
     for border in (0.05, 0.15):
         cell = Cell(CHANNEL, f"acceleration_jumps_above_{border:g}_mps2_share", role="subject")
         book.quotient(cell, (moving & (jerk > border)).sum(), moving.sum())
@@ -133,6 +153,8 @@ def _subject(table: DriveTable, book: TallyBook) -> None:
         Cell(CHANNEL, "acceleration_step_square_m2ps4", role="subject", is_logarithmic=True),
         (jerk[moving] ** 2).sum() + 1e-6, max(int(moving.sum()), 1),
     )  # fmt: skip
+    jump = np.where(moving, np.maximum(jerk - SUBJECT_HELD_MPS2, 0.0), 0.0)
+    _rhythm(book, np.minimum(jump, 1.0), np.cumsum(~moving), table.interval_s, "subject")
     error = (acceleration[1:] - np.diff(speed) / table.interval_s)[moving]
     error = error[np.abs(error) < 2.0]
     book.quotient(Cell(CHANNEL, "acceleration_less_speed_change_mps2", role="subject"), error.sum(), len(error))

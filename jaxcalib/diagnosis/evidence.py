@@ -1,0 +1,163 @@
+"""How well each explanation agrees with the field: marginal likelihoods over strength, place and parameters.
+
+All differences are in units of the field's noise. Under an explanation of strength s the field's difference from the
+baseline is normal around the effect's signature m(s), with the null's covariance, plus what the surrogate may get
+wrong of the signature: a share of its size in each feature, and the error of the runs it was measured with.
+
+Source: marginal likelihood for a linear model with normal nuisance parameters, e.g. Kass & Raftery (1995), JASA 90;
+the discrepancy as a term of the covariance: Kennedy & O'Hagan (2001), J. R. Stat. Soc. B 63.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+from scipy.special import logsumexp
+
+from jaxcalib.diagnosis.features import Cell
+from jaxcalib.diagnosis.noise import NullModel
+
+SIGNATURE_ERROR = 0.5  # of a signature's size in a feature; see docs/diagnosis.md for how it was measured
+STRENGTHS = (0.15, 0.3, 0.5, 0.75, 1.0, 1.4, 1.8)  # of medium, whose signatures are measured at medium and strong
+UNKNOWN_SIZES = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0)
+NONE, UNKNOWN = "none", "unknown"
+
+
+@dataclass(frozen=True)
+class Signature:
+    """What an effect at one place and time does to the features, in units of noise.
+
+    Attributes:
+        effect: name of the effect.
+        setting: place, time and choice, for people.
+        strengths: strengths at which it is known, from 0.
+        shift: difference from the baseline at each strength, [strength, feature]; zeros at strength 0.
+        error: its standard error.
+        exactness: share of SIGNATURE_ERROR that applies; less than 1 where the signature is nearly exact.
+    """
+
+    effect: str
+    setting: Mapping[str, float]
+    strengths: np.ndarray
+    shift: np.ndarray
+    error: np.ndarray
+    exactness: float = 1.0
+
+    def at(self, strength: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return shift and error at a strength, linear between the known ones and beyond the last."""
+        s = self.strengths
+        upper = int(np.clip(np.searchsorted(s, strength), 1, len(s) - 1))
+        weight = (strength - s[upper - 1]) / (s[upper] - s[upper - 1])
+        shift = (1 - weight) * self.shift[upper - 1] + weight * self.shift[upper]
+        error = np.hypot((1 - weight) * self.error[upper - 1], weight * self.error[upper])
+        return shift, error
+
+
+@dataclass(frozen=True)
+class Explained:
+    """How one explanation fares.
+
+    Attributes:
+        name: effect, or none, or unknown.
+        log_evidence: logarithm of the marginal likelihood.
+        strength: posterior mean; 0 for none and unknown.
+        interval: 90 % interval of the strength.
+        setting: place and time that agree best.
+        best_misfit: whitened squared misfit at the best strength, and its number of features.
+        shift: expected signature at the posterior.
+    """
+
+    name: str
+    log_evidence: float
+    strength: float = 0.0
+    interval: tuple[float, float] = (0.0, 0.0)
+    setting: Mapping[str, float] | None = None
+    best_misfit: float = float("nan")
+    shift: np.ndarray | None = None
+
+
+def log_density(difference: np.ndarray, covariance: np.ndarray) -> tuple[float, float]:
+    """Return the logarithm of a normal density around 0, and the squared whitened difference."""
+    factor = cho_factor(covariance, lower=True, check_finite=False)
+    square = float(difference @ cho_solve(factor, difference, check_finite=False))
+    log_determinant = 2.0 * float(np.log(np.diag(factor[0])).sum())
+    return -0.5 * (square + log_determinant + len(difference) * np.log(2 * np.pi)), square
+
+
+def explain_none(difference: np.ndarray, null: NullModel) -> Explained:
+    """Return how well the baseline alone agrees."""
+    value, square = log_density(difference, null.covariance)
+    return Explained(NONE, value, best_misfit=square)
+
+
+def explain_unknown(difference: np.ndarray, null: NullModel, groups: Sequence[np.ndarray]) -> Explained:
+    """Return how well something agrees that shifts features of one group, or of all, in no known pattern."""
+    values, squares = [], []
+    for group in groups:
+        for size in UNKNOWN_SIZES:
+            value, square = log_density(difference, null.covariance + np.diag(group * size**2))
+            values.append(value)
+            squares.append(square)
+    return Explained(UNKNOWN, float(logsumexp(values) - np.log(len(values))), best_misfit=float(min(squares)))
+
+
+def explain(difference: np.ndarray, null: NullModel, signatures: Sequence[Signature], medium: float) -> Explained:
+    """Return how well an effect agrees, over its strengths and places.
+
+    Args:
+        difference: the field's features less the baseline's, in units of noise.
+        null: the null model.
+        signatures: of the effect, one for each place and time; all are equally likely beforehand.
+        medium: its medium strength, on whose scale strengths are equally likely.
+    """
+    values, squares, strengths, places = [], [], [], []
+    shifts = []
+    for place, signature in enumerate(signatures):
+        sign = np.sign(signature.strengths[-1]) or 1.0
+        for factor in STRENGTHS:
+            strength = factor * medium
+            shift, error = signature.at(abs(strength))
+            extra = (SIGNATURE_ERROR * signature.exactness * shift) ** 2 + error**2
+            value, square = log_density(difference - shift, null.covariance + np.diag(extra))
+            values.append(value)
+            squares.append(square)
+            strengths.append(sign * strength)
+            places.append(place)
+            shifts.append(shift)
+    log_values = np.asarray(values)
+    posterior = np.exp(log_values - logsumexp(log_values))
+    best = int(np.argmax(log_values))
+    strength = np.asarray(strengths)
+    mean = float(posterior @ strength)
+    order = np.argsort(strength)
+    cumulated = np.cumsum(posterior[order])
+    low = strength[order][int(np.searchsorted(cumulated, 0.05))]
+    high = strength[order][min(int(np.searchsorted(cumulated, 0.95)), len(order) - 1)]
+    return Explained(
+        name=signatures[0].effect,
+        log_evidence=float(logsumexp(log_values) - np.log(len(values))),
+        strength=mean,
+        interval=(float(low), float(high)),
+        setting=signatures[places[best]].setting,
+        best_misfit=squares[best],
+        shift=posterior @ np.asarray(shifts),
+    )
+
+
+def groups_of(cells: Sequence[Cell]) -> list[np.ndarray]:
+    """Return masks of what something unknown may shift: all features, or those of one channel, role, lane, or kind."""
+    masks = [np.ones(len(cells), bool)]
+    keys = [
+        lambda c: c.channel,
+        lambda c: f"lane {c.lane}" if c.lane is not None and c.from_m is None else "",
+        lambda c: "subject" if c.role == "subject" else "",
+        lambda c: f"{c.measure}" if c.from_m is None else f"{c.measure} by place",
+    ]
+    for key in keys:
+        names = [key(cell) for cell in cells]
+        for name in dict.fromkeys(names):
+            mask = np.asarray([one == name for one in names])
+            if name and mask.sum() >= 2:
+                masks.append(mask)
+    return [mask.astype(float) for mask in masks]
