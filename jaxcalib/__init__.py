@@ -7,6 +7,8 @@ result = jaxcalib.calibrate("CASE", "RUN")
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from jaxcalib.diagnosis.answer import Diagnosis
+    from jaxcalib.diagnosis.run import diagnose
     from jaxcalib.errors import CaseError
     from jaxcalib.pipeline import calibrate
     from jaxcalib.result import CalibrationResult
@@ -14,14 +16,26 @@ if TYPE_CHECKING:
     from jaxcalib.validation.result import ValidationResult
     from jaxcalib.validation.validate import validate
 
-__all__ = ["CalibrationResult", "CaseError", "SweepResult", "ValidationResult", "calibrate", "sweep", "validate"]
+__all__ = [
+    "CalibrationResult",
+    "CaseError",
+    "Diagnosis",
+    "SweepResult",
+    "ValidationResult",
+    "calibrate",
+    "diagnose",
+    "sweep",
+    "validate",
+]
 
 _HOME = {
     "CalibrationResult": "jaxcalib.result",
     "CaseError": "jaxcalib.errors",
+    "Diagnosis": "jaxcalib.diagnosis.answer",
     "SweepResult": "jaxcalib.sweeps.sweep",
     "ValidationResult": "jaxcalib.validation.result",
     "calibrate": "jaxcalib.pipeline",
+    "diagnose": "jaxcalib.diagnosis.run",
     "sweep": "jaxcalib.sweeps.sweep",
     "validate": "jaxcalib.validation.validate",
 }

@@ -78,6 +78,63 @@ def calibrate(
 
 
 @app.command
+def diagnose(
+    case: Path,
+    /,
+    *,
+    out: Path,
+    seed: Annotated[int, Parameter(validator=Number(gte=0, lte=2000))] = 0,
+    budget: Annotated[float, Parameter(validator=Number(gte=0.05, lte=100.0))] = 1.0,
+    resume: Annotated[bool, Parameter(negative="")] = False,
+    quiet: Annotated[bool, Parameter(negative="")] = False,
+) -> int:
+    """Tell where simulation and road differ, which missing effect causes it, and how far adding it closes the gap.
+
+    Leaves diagnosis.json and diagnosis.html in the folder given by --out.
+
+    Parameters
+    ----------
+    case
+        Folder with case.toml, the SUMO scenario and the logs.
+    out
+        Folder for the results; it must be empty or not there yet.
+    seed
+        Seed of all random numbers; the same seed gives the same result.
+    budget
+        Factor on the numbers of simulation runs: 0.5 is quick, 2 is thorough.
+    resume
+        Go on with a diagnosis that was stopped.
+    quiet
+        Say nothing but errors.
+    """
+    from jaxcalib.calibration.evaluator import AllRunsFailedError
+    from jaxcalib.diagnosis.run import diagnose as run
+    from jaxcalib.diagnosis.summary import summary
+    from jaxcalib.errors import CaseError, shorten
+    from jaxcalib.progress import Silent
+    from jaxcalib.terminal import TerminalProgress
+
+    progress = Silent() if quiet else TerminalProgress()
+    try:
+        with progress:
+            found = run(case, out, seed=seed, budget=budget, resume=resume, progress=progress)
+    except CaseError as error:
+        print(f"jaxcalib: {error}", file=sys.stderr)
+        return EXIT_CASE_WRONG
+    except AllRunsFailedError as error:
+        if out.is_dir():
+            (out / LOG_FILE).write_text(error.log_tail + "\n", encoding="utf-8")
+        print(f"jaxcalib: {shorten(str(error), 250)}; see {out / LOG_FILE}.", file=sys.stderr)
+        return EXIT_SIMULATOR_FAILED
+    except KeyboardInterrupt:
+        print(f"jaxcalib: stopped; go on with: jaxcalib diagnose {case} --out {out} --resume", file=sys.stderr)
+        return 130
+    if not quiet:
+        print(summary(found, out))
+    return 0
+
+
+@app.command
 def fit_following(
     pairs: Path,
     /,

@@ -18,6 +18,9 @@ STAGE_NAMES = {
     "confirmation": "confirmation in SUMO",
     "final_errors": "errors on unseen seeds in SUMO",
     "validation": "runs in SUMO",
+    "null": "SUMO with the calibrated values: what chance does",
+    "atlas": "what each effect would do",
+    "evidence": "what the logs say",
     "report": "report",
 }
 PLAIN_INTERVAL_S = 30.0

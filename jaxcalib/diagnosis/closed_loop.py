@@ -59,7 +59,9 @@ def _speeds(table, road, book, chosen, lane, lanes, limit, stretch) -> None:
     book.mean(Cell(CHANNEL, "free_speed_ratio"), ratio, free)
     book.mean(Cell(CHANNEL, "free_speed_variance", is_logarithmic=True), (ratio - 0.97) ** 2, free)
     for name, low, high in (("very slow", 0.0, 0.8), ("slow", 0.8, 0.88), ("fast", 1.05, 9.0)):
-        book.quotient(Cell(CHANNEL, "free_speed_share", name), (free & (ratio >= low) & (ratio < high)).sum(), free.sum())
+        book.quotient(
+            Cell(CHANNEL, "free_speed_share", name), (free & (ratio >= low) & (ratio < high)).sum(), free.sum()
+        )
     for one in lanes:
         book.mean(Cell(CHANNEL, "free_speed_ratio", lane=int(one)), ratio, free & (lane == one))
     # place and time together
@@ -102,9 +104,7 @@ def _occupancy(table, road, book, chosen, lane, lanes, stretch) -> None:
     book.quotient(Cell(CHANNEL, "vehicles_near"), seen[table.is_valid].sum(), num_instants)
     # fluctuation of density: what platoons raise
     shift = round(WAVE_S / table.interval_s)
-    ahead = np.bincount(
-        table.instant[chosen & (table.offset_m > 0)], minlength=len(table.time_s)
-    ).astype(float)
+    ahead = np.bincount(table.instant[chosen & (table.offset_m > 0)], minlength=len(table.time_s)).astype(float)
     for name, at in (("", subject_at < np.inf), ("near the entrance", subject_at < ENTRY_M)):
         both = (table.is_valid & at)[shift:] & table.is_valid[:-shift]
         change = (ahead[shift:] - ahead[:-shift]) ** 2
@@ -151,7 +151,9 @@ def _time_gaps(table, road, book, background, lane, lanes, limit) -> None:
     has = table.leader >= 0
     gap_m[has] = table.position_m[table.leader[has]] - table.position_m[has] - road.nominal_length_m
     book.mean(Cell(CHANNEL, "standing_gap_m"), gap_m, jam & (gap_m < 15.0))
-    book.quotient(Cell(CHANNEL, "standing_gap_share_above_8_m"), (jam & (gap_m > 8.0) & (gap_m < 30.0)).sum(), jam.sum())
+    book.quotient(
+        Cell(CHANNEL, "standing_gap_share_above_8_m"), (jam & (gap_m > 8.0) & (gap_m < 30.0)).sum(), jam.sum()
+    )
 
 
 def _lane_changes(table, road, book, background, stretch) -> None:
@@ -195,9 +197,7 @@ def _subject(table, road, book) -> None:
     close = at & (gap_s < 4.0)
     book.mean(Cell(CHANNEL, "time_gap_s", "following", role="subject"), np.nan_to_num(gap_s, posinf=0.0), close)
     acceleration = table.subject_acceleration_mps2[table.instant]
-    book.mean(
-        Cell(CHANNEL, "acceleration_square_m2ps4", role="subject", is_logarithmic=True), acceleration**2, at
-    )
+    book.mean(Cell(CHANNEL, "acceleration_square_m2ps4", role="subject", is_logarithmic=True), acceleration**2, at)
     lane = road.lane_from_left[table.lane]
     before = table.before
     moved = at & (before >= 0) & (lane != lane[np.maximum(before, 0)])
@@ -212,8 +212,7 @@ def _standing(table: DriveTable, book: TallyBook, background: np.ndarray) -> Non
     np.add.at(flowing, table.instant, (table.speed_mps > FLOWING_MPS).astype(float))
     np.add.at(count, table.instant, 1.0)
     leaderless = stands & (
-        (table.leader < 0)
-        | (table.position_m[np.maximum(table.leader, 0)] - table.position_m > 25.0)
+        (table.leader < 0) | (table.position_m[np.maximum(table.leader, 0)] - table.position_m > 25.0)
     )
     alone = leaderless & (flowing[table.instant] > 0.3 * count[table.instant])
     book.quotient(Cell(CHANNEL, "standing_without_leader_share"), alone.sum(), max(int(background.sum()), 1))

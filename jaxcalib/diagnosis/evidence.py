@@ -20,6 +20,7 @@ from jaxcalib.diagnosis.noise import NullModel
 
 SIGNATURE_ERROR = 0.5  # of a signature's size in a feature; see docs/diagnosis.md for how it was measured
 STRENGTHS = (0.15, 0.3, 0.5, 0.75, 1.0, 1.4, 1.8)  # of medium, whose signatures are measured at medium and strong
+FIXED_STRENGTHS = np.asarray((0.6, 1.0))
 UNKNOWN_SIZES = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0)
 NONE, UNKNOWN = "none", "unknown"
 
@@ -35,6 +36,8 @@ class Signature:
         shift: difference from the baseline at each strength, [strength, feature]; zeros at strength 0.
         error: its standard error.
         exactness: share of SIGNATURE_ERROR that applies; less than 1 where the signature is nearly exact.
+        sign: of the strengths, which are kept as sizes.
+        is_fixed: whether it holds at its own strength only: a rhythm, or a duration with its place in time.
     """
 
     effect: str
@@ -43,6 +46,8 @@ class Signature:
     shift: np.ndarray
     error: np.ndarray
     exactness: float = 1.0
+    sign: float = 1.0
+    is_fixed: bool = False
 
     def at(self, strength: float) -> tuple[np.ndarray, np.ndarray]:
         """Return shift and error at a strength, linear between the known ones and beyond the last."""
@@ -102,7 +107,9 @@ def explain_unknown(difference: np.ndarray, null: NullModel, groups: Sequence[np
     return Explained(UNKNOWN, float(logsumexp(values) - np.log(len(values))), best_misfit=float(min(squares)))
 
 
-def explain(difference: np.ndarray, null: NullModel, signatures: Sequence[Signature], medium: float) -> Explained:
+def explain(
+    difference: np.ndarray, null: NullModel, signatures: Sequence[Signature], medium: float, num_places: int = 1
+) -> Explained:
     """Return how well an effect agrees, over its strengths and places.
 
     Args:
@@ -110,19 +117,19 @@ def explain(difference: np.ndarray, null: NullModel, signatures: Sequence[Signat
         null: the null model.
         signatures: of the effect, one for each place and time; all are equally likely beforehand.
         medium: its medium strength, on whose scale strengths are equally likely.
+        num_places: how many places and times were looked at to find the signatures' ones: looking costs.
     """
     values, squares, strengths, places = [], [], [], []
     shifts = []
     for place, signature in enumerate(signatures):
-        sign = np.sign(signature.strengths[-1]) or 1.0
-        for factor in STRENGTHS:
-            strength = factor * medium
-            shift, error = signature.at(abs(strength))
+        tried = FIXED_STRENGTHS * signature.strengths[-1] if signature.is_fixed else np.asarray(STRENGTHS) * medium
+        for strength in tried:
+            shift, error = signature.at(strength)
             extra = (SIGNATURE_ERROR * signature.exactness * shift) ** 2 + error**2
             value, square = log_density(difference - shift, null.covariance + np.diag(extra))
-            values.append(value)
+            values.append(value - np.log(len(tried)))
             squares.append(square)
-            strengths.append(sign * strength)
+            strengths.append(signature.sign * (signature.strengths[-1] if signature.is_fixed else strength))
             places.append(place)
             shifts.append(shift)
     log_values = np.asarray(values)
@@ -136,7 +143,7 @@ def explain(difference: np.ndarray, null: NullModel, signatures: Sequence[Signat
     high = strength[order][min(int(np.searchsorted(cumulated, 0.95)), len(order) - 1)]
     return Explained(
         name=signatures[0].effect,
-        log_evidence=float(logsumexp(log_values) - np.log(len(values))),
+        log_evidence=float(logsumexp(log_values) - np.log(max(num_places, len(signatures)))),
         strength=mean,
         interval=(float(low), float(high)),
         setting=signatures[places[best]].setting,

@@ -93,7 +93,9 @@ def _range(table: DriveTable, road: Conventions, book: TallyBook, objects: np.nd
         inside &= (table.position_m < begin_m - EDGE_M) | (table.position_m > end_m + EDGE_M)
     count = objects & inside
     book.quotient(Cell(CHANNEL, "lost_inside_range_phs"), 100.0 * (last & inside).sum(), table.interval_s * count.sum())
-    book.quotient(Cell(CHANNEL, "found_inside_range_phs"), 100.0 * (first & inside).sum(), table.interval_s * count.sum())
+    book.quotient(
+        Cell(CHANNEL, "found_inside_range_phs"), 100.0 * (first & inside).sum(), table.interval_s * count.sum()
+    )
 
 
 def _lateral(table: DriveTable, book: TallyBook) -> None:
@@ -145,7 +147,11 @@ def _subject(table: DriveTable, book: TallyBook) -> None:
     jerk = np.abs(np.diff(acceleration))
     moving = valid & (speed[1:] > 1.0)
     active = moving & (np.abs(acceleration[1:]) > 0.02)
-    book.quotient(Cell(CHANNEL, "held_acceleration_share", role="subject"), (active & (jerk < SUBJECT_HELD_MPS2)).sum(), active.sum())
+    book.quotient(
+        Cell(CHANNEL, "held_acceleration_share", role="subject"),
+        (active & (jerk < SUBJECT_HELD_MPS2)).sum(),
+        active.sum(),
+    )
     for border in (0.05, 0.15):
         cell = Cell(CHANNEL, f"acceleration_jumps_above_{border:g}_mps2_share", role="subject")
         book.quotient(cell, (moving & (jerk > border)).sum(), moving.sum())

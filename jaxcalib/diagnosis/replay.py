@@ -106,7 +106,11 @@ def _by_place(table, road, book, residual, chosen, ratio) -> None:
         below = np.bincount(stretch[now], minlength=number)
         for index in range(number):
             cell = Cell(
-                CHANNEL, "residual_mps2", regime, from_m=float(road.stretch_m[index]), to_m=float(road.stretch_m[index + 1])
+                CHANNEL,
+                "residual_mps2",
+                regime,
+                from_m=float(road.stretch_m[index]),
+                to_m=float(road.stretch_m[index + 1]),
             )
             book.quotient(cell, above[index], below[index])
 
@@ -125,7 +129,11 @@ def _by_history(table, book, residual, ratio, steady, limit) -> None:
         book.mean(Cell(CHANNEL, "residual_mps2", f"{name}, recovering"), residual, at & recovering)
         book.mean(Cell(CHANNEL, "residual_mps2", f"{name}, not recovering"), residual, at & ~recovering)
     slow = steady & (table.speed_mps < SLOW_MPS) & (table.speed_mps > 1.0)
-    book.mean(Cell(CHANNEL, "residual_mps2", "below 8 m/s, starting"), residual, slow & (residual + ratio > -9) & recovering_start(table))
+    book.mean(
+        Cell(CHANNEL, "residual_mps2", "below 8 m/s, starting"),
+        residual,
+        slow & (residual + ratio > -9) & recovering_start(table),
+    )
     book.mean(Cell(CHANNEL, "residual_mps2", "below 8 m/s, not starting"), residual, slow & ~recovering_start(table))
 
 
@@ -158,15 +166,11 @@ def _in_time(table, book, residual, expected, observed, leader_acceleration, lea
         )  # fmt: skip
         change = expected - expected[back]
         book.mean(Cell(CHANNEL, "residual_with_expected_change_m2ps4", f"{lag_s:g} s"), residual * change, both)
-    book.mean(
-        Cell(CHANNEL, "residual_with_leader_acceleration_m2ps4", "0 s"), residual * leader_acceleration, steady
-    )
+    book.mean(Cell(CHANNEL, "residual_with_leader_acceleration_m2ps4", "0 s"), residual * leader_acceleration, steady)
     second = np.where(leader >= 0, leader[np.maximum(leader, 0)], -1)
     ahead = steady & (second >= 0)
     difference = table.speed_mps[np.maximum(second, 0)] - table.speed_mps[np.maximum(leader, 0)]
-    book.mean(
-        Cell(CHANNEL, "residual_with_second_leader_m2ps3"), residual * np.clip(difference, -5, 5), ahead
-    )
+    book.mean(Cell(CHANNEL, "residual_with_second_leader_m2ps3"), residual * np.clip(difference, -5, 5), ahead)
     approach = np.where(leader >= 0, table.speed_mps[np.maximum(leader, 0)] - table.speed_mps, 0.0)
     book.mean(Cell(CHANNEL, "residual_with_approach_m2ps3"), residual * np.clip(approach, -5, 5), steady)
     book.mean(Cell(CHANNEL, "residual_with_expected_m2ps4"), residual * np.clip(expected, -3, 3), steady)
@@ -222,7 +226,9 @@ def _merging(table, road, book, residual, chosen, follows) -> None:
         at_right = lane >= np.sort(np.unique(road.lane_from_left))[-2]
         place = {"from_m": float(begin_m - 200.0), "to_m": float(end_m)}
         for name, where in (("right lanes", at_right), ("left lanes", ~at_right)):
-            book.mean(Cell(CHANNEL, "residual_mps2", f"merging area, {name}", **place), residual, near & where & follows)
+            book.mean(
+                Cell(CHANNEL, "residual_mps2", f"merging area, {name}", **place), residual, near & where & follows
+            )
             strong = near & where
             cell = Cell(CHANNEL, "residual_share_below_-0.8_mps2", f"merging area, {name}", **place)
             book.quotient(cell, (strong & (residual < -0.8)).sum(), strong.sum())

@@ -1,0 +1,299 @@
+"""What each parameter and each effect would do to the features: known before the field is looked at."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from jaxcalib.diagnosis.altered_drives import ALTERATIONS, RHYTHMS
+from jaxcalib.diagnosis.evidence import Signature
+from jaxcalib.diagnosis.features import Cell, DriveTallies
+from jaxcalib.diagnosis.noise import NullModel
+from jaxcalib.diagnosis.null_runs import NullRuns
+from jaxcalib.diagnosis.trials import Trial, paired_difference
+from sim_adapters.interface import ParameterLayout
+from surrogate.effects.base import ActsOn, Effect, EffectSetting
+from surrogate.effects.registry import EFFECTS
+
+# Steps for slopes, as shares of the value: about what a calibration leaves open.
+INPUT_STEPS = (0.05, 0.2)  # main entrance, and others, whose flows are smaller
+STEPS = {"tau": 0.06, "minGap": 0.1, "accel": 0.1, "decel": 0.12, "speedFactor": 0.015, "lcSpeedGain": 0.25}
+USUAL_STEP = 0.1
+LEAST_STEP = 0.02
+BASELINE = "baseline"
+ALTERED_EXACTNESS = 0.4  # of altered drives: no surrogate, but the same effect may come in another form
+
+
+@dataclass(frozen=True)
+class Window:
+    """A place and time at which a local effect may be.
+
+    Attributes:
+        from_m: begin, as positions on the route.
+        to_m: end.
+        from_s: begin of the time; None for always.
+        to_s: its end.
+        lane: counted from the left; None for all.
+        sign: 1 where vehicles lose speed there, -1 where they gain.
+    """
+
+    from_m: float
+    to_m: float
+    from_s: float | None = None
+    to_s: float | None = None
+    lane: int | None = None
+    sign: float = 1.0
+
+    def setting(self) -> dict[str, float]:
+        """Return it for people and files."""
+        found: dict[str, float] = {"route_from_m": self.from_m, "route_to_m": self.to_m}
+        if self.from_s is not None and self.to_s is not None:
+            found |= {"time_from_s": self.from_s, "time_to_s": self.to_s}
+        if self.lane is not None:
+            found["lane_from_left"] = float(self.lane)
+        return found
+
+
+@dataclass(frozen=True)
+class EffectTrial:
+    """A trial of an effect.
+
+    Attributes:
+        effect: the effect.
+        strength: its strength, with its sign.
+        window: where and when; None for everywhere.
+        trial: what to run.
+    """
+
+    effect: Effect
+    strength: float
+    window: Window | None
+    trial: Trial
+
+
+@dataclass
+class Slopes:
+    """Change of the features with the parameters, and how features vary from drive to drive in the surrogate."""
+
+    slope: np.ndarray
+    error: np.ndarray
+    influence: np.ndarray
+
+
+def parameter_steps(layout: ParameterLayout, values: np.ndarray) -> np.ndarray:
+    """Return the step of each parameter for its slope."""
+    shares = [INPUT_STEPS[0]] + [INPUT_STEPS[1]] * (layout.num_inputs - 1)
+    shares += [STEPS.get(name, USUAL_STEP) for name in layout.attributes]
+    return np.maximum(np.abs(values) * np.asarray(shares), LEAST_STEP)
+
+
+def parameter_trials(layout: ParameterLayout, values: np.ndarray, num_runs: int) -> list[Trial]:
+    """Return the trials for slopes, the baseline first."""
+    steps = parameter_steps(layout, values)
+    trials = [Trial(BASELINE, _tuple(values), num_runs)]
+    for place, name in enumerate(layout.names):
+        for sign in (1.0, -1.0):
+            moved = values.copy()
+            moved[place] += sign * steps[place]
+            trials.append(Trial(f"{name} {sign:+.0f}", _tuple(moved), num_runs))
+    return trials
+
+
+def slopes_of(layout: ParameterLayout, found: Mapping[str, DriveTallies], cells: Sequence[Cell]) -> Slopes:
+    """Return the slopes that parameter trials show."""
+    size = (len(cells), len(layout.names))
+    slope, error = np.zeros(size), np.zeros(size)
+    influence = [paired_difference(found[BASELINE], found[BASELINE], cells)[2]]
+    for place, name in enumerate(layout.names):
+        up, down = found[f"{name} +1"], found[f"{name} -1"]
+        difference, noise, own = paired_difference(up, down, cells)
+        other = paired_difference(down, up, cells)[2]
+        slope[:, place] = 0.5 * difference
+        error[:, place] = np.where(np.isfinite(noise), 0.5 * noise, 0.0)
+        influence += [own, other]
+    return Slopes(slope, error, np.vstack(influence))
+
+
+def effect_trials(values: np.ndarray, num_runs: int, windows: Mapping[str, Sequence[Window]]) -> list[EffectTrial]:
+    """Return the trials of all effects that the surrogate shows, at medium and strong.
+
+    Args:
+        values: calibrated values.
+        num_runs: runs of each.
+        windows: places and times of local effects, by effect; an effect without any is not tried.
+    """
+    trials = []
+    for effect in EFFECTS:
+        if effect.acts_on is ActsOn.SENSOR or effect.name == "ramp_inflow_error":
+            continue
+        is_local = effect.has_place or effect.has_time
+        for window in windows.get(effect.name, ()) if is_local else (None,):
+            for strength in effect_strengths(effect, window):
+                setting = EffectSetting(
+                    strength,
+                    route_from_m=window.from_m if window else None,
+                    route_to_m=window.to_m if window else None,
+                    time_from_s=window.from_s if window else None,
+                    time_to_s=window.to_s if window else None,
+                    choice=float(window.lane) if window and window.lane is not None else None,
+                )
+                name = f"{effect.name} {strength:g} {window}"
+                trial = Trial(name, _tuple(values), num_runs, {effect.name: setting})
+                trials.append(EffectTrial(effect, strength, window, trial))
+    return trials
+
+
+def effect_strengths(effect: Effect, window: Window | None) -> tuple[float, ...]:
+    """Return the strengths at which an effect is tried."""
+    if effect.name == "blockage" and window is not None and window.from_s is not None and window.to_s is not None:
+        return (window.to_s - window.from_s,)  # it stands as long as the window
+    sign = window.sign if window is not None and effect.is_signed else 1.0
+    return (sign * effect.medium, sign * effect.strong)
+
+
+def surrogate_signatures(
+    trials: Sequence[EffectTrial], found: Mapping[str, DriveTallies], null: NullModel
+) -> dict[str, list[Signature]]:
+    """Return the signatures that trials show, by effect, in units of noise."""
+    groups: dict[tuple[str, Window | None], list[EffectTrial]] = {}
+    for one in trials:
+        groups.setdefault((one.effect.name, one.window), []).append(one)
+    signatures: dict[str, list[Signature]] = {}
+    for (name, window), members in groups.items():
+        rows = [paired_difference(found[m.trial.name], found[BASELINE], null.cells)[:2] for m in members]
+        setting = window.setting() if window else {}
+        signature = _signature(name, setting, [m.strength for m in members], rows, null)
+        signatures.setdefault(name, []).append(signature)
+    return signatures
+
+
+def altered_signatures(
+    runs: NullRuns, null: NullModel, behaviour: Mapping[str, list[Signature]]
+) -> dict[str, list[Signature]]:
+    """Return the signatures that altered SUMO runs show.
+
+    Sensor effects are exact there. Effects with a rhythm get their identities from there and the rest from the
+    surrogate; each rhythm is a signature of its own, for it does not lie between two others.
+    """
+    found: dict[str, list[Signature]] = {}
+    for name in ALTERATIONS:
+        strengths = sorted(strength for effect, strength in runs.altered if effect == name)
+        for sign in (1.0, -1.0):
+            chosen = [strength for strength in strengths if sign * strength > 0]
+            chosen.sort(key=abs)
+            if chosen:
+                rows = [_altered(runs, name, strength, null) for strength in chosen]
+                signature = _signature(name, {}, chosen, rows, null, ALTERED_EXACTNESS)
+                found.setdefault(name, []).append(signature)
+    is_identity = np.asarray([cell.channel == "identity" for cell in null.cells])
+    for name in RHYTHMS:
+        strengths = sorted(strength for effect, strength in runs.altered if effect == name)
+        for strength in strengths:
+            shift, error = _altered(runs, name, strength, null)
+            shift, error = shift / null.deviation, error / null.deviation
+            for one in behaviour.get(name, ()):
+                traffic, noise = one.at(strength)
+                both = np.where(is_identity, shift, traffic)
+                noises = np.where(is_identity, error, noise)
+                grid = np.asarray([0.0, strength])
+                zero = np.zeros_like(both)
+                found.setdefault(name, []).append(
+                    Signature(name, {}, grid, np.stack([zero, both]), np.stack([zero, noises]), is_fixed=True)
+                )
+    return found
+
+
+def _altered(runs: NullRuns, name: str, strength: float, null: NullModel) -> tuple[np.ndarray, np.ndarray]:
+    shift, error, _ = paired_difference(runs.altered[name, strength], runs.plain, null.cells)
+    return shift, error
+
+
+def _signature(
+    name: str,
+    setting: Mapping[str, float],
+    strengths: Sequence[float],
+    rows: Sequence[tuple[np.ndarray, np.ndarray]],
+    null: NullModel,
+    exactness: float = 1.0,
+) -> Signature:
+    zero = np.zeros(len(null.cells))
+    shift = np.stack([zero, *(row[0] / null.deviation for row in rows)])
+    error = np.stack([zero, *(np.where(np.isfinite(row[1]), row[1], 0.0) / null.deviation for row in rows)])
+    return Signature(name, setting, np.abs([0.0, *strengths]), shift, error, exactness, sign=float(np.sign(strengths[0])),
+                     is_fixed=name == "blockage")  # fmt: skip
+
+
+def _tuple(values: np.ndarray) -> tuple[float, ...]:
+    return tuple(float(value) for value in values)
+
+
+@dataclass(frozen=True)
+class AtlasEntry:
+    """What is known of an effect on these roads before the field is looked at.
+
+    Attributes:
+        absorption: share of its signature that a shift of the parameters explains.
+        visible_from: weakest strength that would be seen in four of five cases; None if none would be.
+        alike: other effects whose signatures look alike after that shift, with the cosine.
+    """
+
+    absorption: float
+    visible_from: float | None
+    visible_with_more: float | None = None
+    alike: Mapping[str, float] = field(default_factory=dict)
+
+
+VISIBLE = 4.3  # size of a signature, in units of noise after the shift, that is seen in four of five cases
+MORE_DRIVES = 3
+ALIKE = 0.8
+
+
+def atlas_of(signatures: Mapping[str, Sequence[Signature]], null: NullModel, num_drives: int) -> dict[str, AtlasEntry]:
+    """Return the atlas.
+
+    Args:
+        signatures: of all effects; of local ones and rhythms the strongest signature speaks for the rest.
+        null: the null model.
+        num_drives: drives in the field.
+    """
+    precision = np.linalg.inv(null.covariance)
+    raw = np.linalg.inv(null.noise)
+    chosen: dict[str, Signature] = {}
+    for name, several in signatures.items():
+        chosen[name] = max(
+            several, key=lambda one: float(one.shift[-1] @ precision @ one.shift[-1]) / one.strengths[-1]
+        )
+    root = np.linalg.cholesky(precision).T
+    whitened = {name: root @ one.shift[-1] for name, one in chosen.items()}
+    entries = {}
+    for name, one in chosen.items():
+        seen = whitened[name] @ whitened[name]
+        total = float(one.shift[-1] @ raw @ one.shift[-1])
+        sizes = [float(np.sqrt(max(shift @ precision @ shift, 0.0))) for shift in one.shift]
+        alike = {}
+        for other, vector in whitened.items():
+            length = np.linalg.norm(vector) * np.linalg.norm(whitened[name])
+            cosine = float(vector @ whitened[name] / length) if length > 0 else 0.0
+            if other != name and abs(cosine) > ALIKE:
+                alike[other] = cosine
+        more = np.sqrt((num_drives + MORE_DRIVES) / num_drives)
+        entries[name] = AtlasEntry(
+            absorption=float(np.clip(1.0 - seen / total, 0.0, 1.0)) if total > 0 else 0.0,
+            visible_from=_strength_of_size(one.strengths, np.asarray(sizes), VISIBLE),
+            visible_with_more=_strength_of_size(one.strengths, more * np.asarray(sizes), VISIBLE),
+            alike=alike,
+        )
+    return entries
+
+
+def _strength_of_size(strengths: np.ndarray, sizes: np.ndarray, size: float) -> float | None:
+    """Return the strength at which a signature has a size; linear, up to twice the strongest that was tried."""
+    if sizes[-1] <= 0.0:
+        return None
+    for place in range(1, len(sizes)):
+        if sizes[place] >= size:
+            low, high = sizes[place - 1], sizes[place]
+            share = (size - low) / max(high - low, 1e-12) if low < size else 0.0
+            return float(strengths[place - 1] + share * (strengths[place] - strengths[place - 1]))
+    beyond = float(strengths[-1] * size / sizes[-1])
+    return beyond if beyond <= 2.0 * strengths[-1] else None

@@ -1,0 +1,207 @@
+"""Puts verdict, ranking, ledger and shrinkage together."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from jaxcalib.diagnosis.answer import LISTED_ENTRIES, Diagnosis, Ranked, WhereEntry
+from jaxcalib.diagnosis.atlas import AtlasEntry, Window
+from jaxcalib.diagnosis.evidence import NONE, UNKNOWN, Explained, Signature
+from jaxcalib.diagnosis.features import DriveTallies
+from jaxcalib.diagnosis.investigation import Prepared, gain_of, shift_in_errors, transfer
+from jaxcalib.diagnosis.ledger import LedgerEntry, make_ledger, parameter_shift
+from jaxcalib.diagnosis.noise import on_cells
+from jaxcalib.diagnosis.shrinkage import measure_shrinkage
+from jaxcalib.diagnosis.verdict import Verdict, judge, probabilities
+from jaxcalib.problem import CalibrationProblem
+from surrogate.effects.registry import EFFECTS, effect_named
+
+FEW_DRIVES = 3
+OTHER = "everything else"
+
+
+@dataclass(frozen=True)
+class Findings:
+    """All that a diagnosis knows.
+
+    Attributes:
+        problem: the problem.
+        seed: of the random numbers.
+        values: calibrated values.
+        fitted: null model and features of the drives to fit.
+        held_out: the same of held-out drives; None where there are none.
+        default: tallies of SUMO runs of the scenario as it is.
+        explained: explanations, best first.
+        signatures: of all effects that were tried.
+        atlas: what is known of each effect beforehand.
+        windows: where local effects were tried.
+        runs: numbers of runs.
+        wall_s: time of each part.
+    """
+
+    problem: CalibrationProblem
+    seed: int
+    values: np.ndarray
+    fitted: Prepared
+    held_out: Prepared | None
+    default: DriveTallies
+    explained: Sequence[Explained]
+    signatures: Mapping[str, Sequence[Signature]]
+    atlas: Mapping[str, AtlasEntry]
+    windows: Mapping[str, Sequence[Window]]
+    runs: Mapping[str, int]
+    wall_s: Mapping[str, float]
+
+    def ledger(self) -> list[LedgerEntry]:
+        """Return where the gap lies on the drives to fit."""
+        return make_ledger(self.fitted.tallies.values(), self.fitted.null, np.random.default_rng(self.seed))
+
+
+def conclude(findings: Findings) -> Diagnosis:
+    """Return the diagnosis."""
+    problem, fitted = findings.problem, findings.fitted
+    shift = shift_in_errors(problem, findings.values, fitted)
+    verdict = judge(findings.explained, shift, len(fitted.tallies) < FEW_DRIVES)
+    layout = problem.layout
+    return Diagnosis(
+        verdict=verdict.kind,
+        effects=verdict.effects,
+        reason=verdict.reason,
+        ranking=_ranking(findings),
+        where=_where(findings.ledger(), float(np.asarray(problem.road.section_border_m)[-1])),
+        how_far=_how_far(findings, verdict),
+        undetectable_below={name: one.visible_from for name, one in findings.atlas.items()},
+        visible_with_three_more_drives={name: one.visible_with_more for name, one in findings.atlas.items()},
+        parameters={
+            "scenario": dict(zip(layout.names, problem.template.base_values().tolist(), strict=True)),
+            "calibrated": dict(zip(layout.names, findings.values.tolist(), strict=True)),
+        },
+        not_testable=_not_testable(findings),
+        warnings=_warnings(findings),
+        runs=findings.runs,
+        wall_s=findings.wall_s,
+    )
+
+
+def _ranking(findings: Findings) -> list[Ranked]:
+    probability = probabilities(findings.explained)
+    none = next(one.log_evidence for one in findings.explained if one.name == NONE)
+    ranking = []
+    for one in findings.explained:
+        gain = float(one.log_evidence - none)
+        if one.name in (NONE, UNKNOWN):
+            ranking.append(Ranked(one.name, probability[one.name], log_evidence=gain))
+            continue
+        offset = effect_named(one.name).reported_at_zero
+        atlas = findings.atlas.get(one.name)
+        ranking.append(
+            Ranked(
+                effect=one.name,
+                probability=probability[one.name],
+                strength=one.strength + offset,
+                strength_ci90=(one.interval[0] + offset, one.interval[1] + offset),
+                absorption=atlas.absorption if atlas else None,
+                held_out_gain=gain_of(one, findings.held_out, findings.fitted) if findings.held_out else None,
+                log_evidence=gain,
+                place_and_time=dict(one.setting or {}),
+                alike=dict(atlas.alike) if atlas else {},
+            )
+        )
+    untested = [effect.name for effect in EFFECTS if effect.name not in {one.effect for one in ranking}]
+    ranking += [Ranked(name, 0.0) for name in untested]
+    return sorted(ranking, key=lambda one: -one.probability)
+
+
+def _where(ledger: Sequence[LedgerEntry], length_m: float) -> list[WhereEntry]:
+    listed, rest = ledger[:LISTED_ENTRIES], ledger[LISTED_ENTRIES:]
+    entries = [
+        WhereEntry(
+            mop=one.cell.measure,
+            regime=one.cell.regime,
+            role=one.cell.role,
+            lane=one.cell.lane,
+            route_from_m=0.0 if one.cell.from_m is None else one.cell.from_m,
+            route_to_m=length_m if one.cell.to_m is None else one.cell.to_m,
+            time_from_s=one.cell.from_s,
+            time_to_s=one.cell.to_s,
+            gap=one.excess,
+            share=one.share,
+            p_adjusted=one.p_adjusted,
+            field=one.field,
+            simulated=one.simulated,
+            difference_in_noise=one.difference,
+        )
+        for one in listed
+    ]
+    if rest:
+        gap, share = sum(one.excess for one in rest), 1.0 - sum(one.share for one in entries)
+        least = min(one.p_adjusted for one in rest)
+        entries.append(WhereEntry(OTHER, "", "", None, 0.0, length_m, None, None, gap, share, least))
+    return entries
+
+
+def _how_far(findings: Findings, verdict: Verdict) -> dict[str, object]:
+    names = ("gap_default", "gap_recalibrated", "gap_with_effect", "noise_floor", "fraction_closed",
+             "fraction_closed_ci90")  # fmt: skip
+    held_out, fitted = findings.held_out, findings.fitted
+    if held_out is None:
+        return dict.fromkeys(names) | {"reason": "no drive is held out"}
+    baseline = parameter_shift(fitted.difference, fitted.null)
+    best = next((one for one in findings.explained if verdict.effects and one.name == verdict.effects[0]), None)
+    shift, steps = None, baseline
+    if best is not None and best.shift is not None:
+        shift = transfer(best.shift, fitted.null, held_out.null)
+        steps = parameter_shift(fitted.difference - best.shift, fitted.null)
+    found = measure_shrinkage(
+        held_out.tallies,
+        held_out.null,
+        on_cells(findings.default, held_out.null.cells).values(),
+        baseline,
+        steps,
+        shift,
+        np.random.default_rng(findings.seed),
+    )
+    values = (
+        found.default,
+        found.recalibrated,
+        found.with_effect,
+        found.floor,
+        found.fraction_closed,
+        found.interval_90,
+    )
+    return dict(zip(names, values, strict=True)) | {"effect": best.name if best else None}
+
+
+def _not_testable(findings: Findings) -> dict[str, str]:
+    reasons = {}
+    tested = {one.name for one in findings.explained}
+    for effect in EFFECTS:
+        if effect.name in tested:
+            continue
+        if effect.name == "ramp_inflow_error":
+            reasons[effect.name] = "the scenario has no ramp whose inflow is an input"
+        elif effect.has_place or effect.has_time:
+            reasons[effect.name] = "at no place and time do the drives depart from the simulation in its direction"
+        else:
+            reasons[effect.name] = "the logs are sampled too slowly to show it"
+    return reasons
+
+
+def _warnings(findings: Findings) -> list[str]:
+    warnings = list(findings.problem.warnings())
+    num_drives = len(findings.fitted.tallies)
+    if num_drives < FEW_DRIVES:
+        warnings.append(
+            f"case.toml: {num_drives} drives to fit; effects at one place, at one time and in memory look alike on so "
+            "few, so the answer is a set."
+        )
+    if findings.held_out is None:
+        warnings.append("case.toml: no drive is held out; how far the gap shrinks is not told.")
+    departs = {drive.depart_s for drive in findings.problem.case.drives}
+    if len(departs) == 1:
+        warnings.append(
+            "case.toml: all drives depart at the same time, so place and time go together: grade, local speed "
+            "reduction and rubbernecking cannot be separated."
+        )
+    return warnings

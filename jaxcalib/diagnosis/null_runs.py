@@ -1,0 +1,158 @@
+"""SUMO with the calibrated values, seen through the same sensors: what the field would look like without any effect."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from jaxcalib.calibration.evaluator import AllRunsFailedError
+from jaxcalib.diagnosis.altered_drives import ALTERATIONS, RHYTHMS
+from jaxcalib.diagnosis.drive_features import COARSE_S, DriveFeatures
+from jaxcalib.diagnosis.drive_table import DriveTable, as_logged, drive_table
+from jaxcalib.diagnosis.features import DriveTallies, TallyBook, gather_tallies
+from jaxcalib.diagnosis.identities import count_identities
+from jaxcalib.problem import CalibrationProblem
+from sim_adapters.interface import RunRequest
+from sim_adapters.sumo_simulator import SensorRange, SumoSimulator
+from surrogate.perception import PerceptionFrame
+
+MOST_FAILED_SHARE = 0.5
+RHYTHM_S = (0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.2, 1.5)
+
+
+@dataclass(frozen=True)
+class NullRuns:
+    """Tallies of SUMO runs and of altered versions of some of them.
+
+    Attributes:
+        plain: tallies as they are.
+        altered: tallies with one effect put in, by effect and strength; the first runs of `plain`.
+    """
+
+    plain: DriveTallies
+    altered: Mapping[tuple[str, float], DriveTallies]
+
+
+class TableFold:
+    """Keeps the tallies of each run; SUMO's adapter wants numbers, so it is given a ticket."""
+
+    def __init__(self, interval_s: float, count: Callable[[DriveTable], dict[tuple[str, float], TallyBook]]) -> None:
+        """Prepare.
+
+        Args:
+            interval_s: time between frames.
+            count: from a drive to its tallies, by effect and strength.
+        """
+        self._interval_s = interval_s
+        self._count = count
+        self.books: list[dict[tuple[str, float], TallyBook]] = []
+
+    def __call__(self, frames: PerceptionFrame) -> np.ndarray:
+        """Count a drive."""
+        self.books.append(self._count(drive_table(frames, self._interval_s)))
+        return np.full(1, float(len(self.books) - 1))
+
+
+def fine_interval_s(problem: CalibrationProblem) -> float:
+    """Return the interval at which identities are judged: that of the logs, in steps of the simulation.
+
+    Logs that are sampled more slowly than features of traffic need are brought to that interval.
+    """
+    step_s = problem.parts.scenario.step_s
+    sampled_s = max(float(np.median(np.diff(drive.subject.time_s))) for drive in problem.drives)
+    steps = max(1, round(sampled_s / step_s))
+    interval_s = steps * step_s
+    whole = abs(COARSE_S / interval_s - round(COARSE_S / interval_s)) < 1e-6
+    return interval_s if whole and interval_s < COARSE_S else COARSE_S
+
+
+def alterations_of(strengths: Mapping[str, Sequence[float]], interval_s: float) -> list[tuple[str, float]]:
+    """Return which effects at which strengths are put into the null runs.
+
+    Args:
+        strengths: strengths of each effect.
+        interval_s: interval of the logs; slower logs do not show when drivers act.
+    """
+    chosen = [(name, strength) for name in ALTERATIONS for strength in strengths[name]]
+    if interval_s < COARSE_S:
+        for name in RHYTHMS:
+            grid = strengths[name] if name == "lane_change_duration" else RHYTHM_S
+            chosen += [(name, strength) for strength in grid]
+    return chosen
+
+
+def run_null(
+    problem: CalibrationProblem,
+    features: DriveFeatures,
+    values: np.ndarray,
+    num_runs: int,
+    num_altered: int,
+    alterations: Sequence[tuple[str, float]],
+    first_seed: int,
+    on_runs: Callable[[int], None],
+) -> NullRuns:
+    """Run SUMO with parameter values.
+
+    Args:
+        problem: the problem.
+        features: what is counted.
+        values: parameter values.
+        num_runs: number of runs; departures are those of the drives, in turn.
+        num_altered: of how many runs altered versions are counted, too.
+        alterations: effect and strength of each.
+        first_seed: seed of the first run.
+        on_runs: told of runs done.
+
+    Raises:
+        AllRunsFailedError: more than half of the runs failed.
+    """
+    interval_s = fine_interval_s(problem)
+    road = features.road
+    number = [0]
+
+    def count(table: DriveTable) -> dict[tuple[str, float], TallyBook]:
+        table = as_logged(table, road.place_step_m, road.speed_step_mps)
+        books = {("", 0.0): features.of_table(table)}
+        if number[0] < num_altered:
+            for name, strength in alterations:
+                random = np.random.default_rng((first_seed, number[0]))
+                if name in ALTERATIONS:
+                    books[name, strength] = features.of_table(ALTERATIONS[name](table, strength, road, random))
+                else:
+                    book = TallyBook()
+                    count_identities(RHYTHMS[name](table, strength, road, random), road, book)
+                    books[name, strength] = book
+        number[0] += 1
+        return books
+
+    fold = TableFold(interval_s, count)
+    perception = problem.case.perception
+    departs = sorted({drive.depart_s for drive in problem.case.drives})
+    requests = [
+        RunRequest(tuple(float(value) for value in values), first_seed + run, departs[run % len(departs)])
+        for run in range(num_runs)
+    ]
+    outcomes = []
+    with SumoSimulator(
+        scenario=problem.scenario,
+        layout=problem.layout,
+        fold=fold,
+        sensor=SensorRange(perception.ahead_m, perception.behind_m),
+        subject_vehicle=problem.parts.subject.vehicle,
+        frame_interval_s=interval_s,
+        end_s=problem.parts.scenario.duration_s,
+    ) as simulator:
+        for wait in simulator.submit(requests):
+            outcomes.append(wait())
+            on_runs(1)
+    good = [outcome for outcome in outcomes if outcome.status.is_ok]
+    if len(good) < (1.0 - MOST_FAILED_SHARE) * num_runs:
+        tail = next((outcome.log_tail for outcome in outcomes if outcome.log_tail), "")
+        raise AllRunsFailedError("the calibrated values failed in SUMO", tail)
+    kept = [(outcome.request.depart_s, fold.books[int(outcome.observed[0])]) for outcome in good]
+    plain = gather_tallies([books["", 0.0] for _, books in kept], [depart for depart, _ in kept])
+    altered = {}
+    for key in alterations:
+        with_key = [(depart, books[key]) for depart, books in kept if key in books]
+        altered[key] = gather_tallies([book for _, book in with_key], [depart for depart, _ in with_key])
+    return NullRuns(plain, altered)

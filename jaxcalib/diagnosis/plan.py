@@ -1,0 +1,33 @@
+"""How many runs each part of a diagnosis gets."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class DiagnosisBudget:
+    """Numbers of runs.
+
+    Attributes:
+        null_runs: SUMO runs with the calibrated values.
+        altered_runs: of how many of them altered versions are counted.
+        default_runs: SUMO runs of the scenario as it is.
+        slope_runs: surrogate runs of each trial of a parameter.
+        effect_runs: surrogate runs of each trial of an effect.
+        local_runs: the same for an effect at one place.
+    """
+
+    null_runs: int
+    altered_runs: int
+    default_runs: int
+    slope_runs: int
+    effect_runs: int
+    local_runs: int
+
+
+def plan_diagnosis(scale: float) -> DiagnosisBudget:
+    """Return the numbers of runs; they grow and shrink with the scale, and 1 is the default."""
+
+    def scaled(number: int, least: int) -> int:
+        return max(least, round(number * scale))
+
+    return DiagnosisBudget(scaled(56, 24), scaled(12, 6), scaled(12, 6), scaled(32, 12), scaled(32, 12), scaled(24, 12))

@@ -1,0 +1,215 @@
+"""One call diagnoses a case: recalibrate, see what chance and each effect would do, judge the field by it."""
+
+import os
+import tempfile
+import time
+from collections.abc import Mapping
+from pathlib import Path
+
+import jax.numpy as jnp
+import numpy as np
+
+from jaxcalib.calibration.budget import plan_budget
+from jaxcalib.diagnosis.answer import Diagnosis
+from jaxcalib.diagnosis.atlas import atlas_of, effect_trials, parameter_trials
+from jaxcalib.diagnosis.conclusion import Findings, conclude
+from jaxcalib.diagnosis.conventions import conventions_of, expected_drivers
+from jaxcalib.diagnosis.drive_features import COARSE_S, DriveFeatures
+from jaxcalib.diagnosis.drive_table import drive_table
+from jaxcalib.diagnosis.features import DriveTallies, gather_tallies
+from jaxcalib.diagnosis.frame_recorder import FrameRecorder
+from jaxcalib.diagnosis.investigation import all_signatures, explanations, prepare
+from jaxcalib.diagnosis.local_search import windows_of_effects
+from jaxcalib.diagnosis.null_runs import NullRuns, alterations_of, fine_interval_s, run_null
+from jaxcalib.diagnosis.plan import plan_diagnosis
+from jaxcalib.diagnosis.stages import Stages
+from jaxcalib.diagnosis.trials import TrialRunner
+from jaxcalib.engines import (
+    DECISION_INTERVAL_S,
+    OBJECTS_PER_ROW,
+    expected_vehicles,
+    prepare_devices,
+    sumo_engine,
+    surrogate_engine,
+)
+from jaxcalib.journal import JournaledSumo
+from jaxcalib.pipeline import MOST_SEED, SEEDS_PER_CALIBRATION, Stopwatch, search_values
+from jaxcalib.problem import CalibrationProblem, read_problem
+from jaxcalib.progress import Progress, Silent
+from jaxcalib.run_folder import RunFolder, identify, open_run_folder
+from jaxcalib.settings import Settings
+from sim_adapters.jax_simulator import JaxSimulator
+from surrogate.effects.registry import EFFECTS
+from surrogate.perception import Sensor
+from surrogate.step import Clock
+
+RECALIBRATION_SCALE = 0.5  # of the calibration's numbers of runs; the last step is taken on all features anyway
+NULL_SEED, DEFAULT_SEED, TRIAL_SEED = 600_000, 700_000, 800_000
+SPARE_CAPACITY = 1.8  # effects can make traffic denser
+PLACES_FOR_OBJECTS = 128
+FRAMES_STEP = 128
+
+
+def diagnose(
+    case: Path | str,
+    out: Path | str | None = None,
+    *,
+    seed: int = 0,
+    budget: float = 1.0,
+    resume: bool = False,
+    progress: Progress | None = None,
+) -> Diagnosis:
+    """Diagnose the gap between a case's scenario and its logs.
+
+    Args:
+        case: the case's folder.
+        out: RUN, the folder for journal, diagnosis.json and diagnosis.html; None keeps nothing.
+        seed: of all random numbers, 0 to 2000.
+        budget: factor on the numbers of runs; the same budget does the same work on any machine.
+        resume: go on with what `out` holds.
+        progress: told how far it is.
+
+    Returns:
+        The diagnosis, as in diagnosis.json.
+
+    Raises:
+        CaseError: the case or RUN are wrong; one line says what.
+        AllRunsFailedError: a simulator failed.
+    """
+    began = time.perf_counter()
+    if not 0 <= seed <= MOST_SEED or not 0.05 <= budget <= 100.0:
+        raise ValueError(f"Expected a seed of 0 to {MOST_SEED} and a budget of 0.05 to 100; got {seed} and {budget}.")
+    prepare_devices(len(os.sched_getaffinity(0)))
+    problem = read_problem(case)
+    identity = identify(problem.case, {"command": "diagnose", "seed": seed, "budget": budget})
+    if out is None:
+        with tempfile.TemporaryDirectory(prefix="jaxcalib-") as folder:
+            with open_run_folder(Path(folder) / "run", identity, False) as run_folder:
+                return _diagnose(problem, seed, budget, run_folder, progress or Silent(), began)
+    with open_run_folder(Path(out), identity, resume) as run_folder:
+        return _diagnose(problem, seed, budget, run_folder, progress or Silent(), began)
+
+
+def _diagnose(
+    problem: CalibrationProblem, seed: int, budget: float, run_folder: RunFolder, progress: Progress, began: float
+) -> Diagnosis:
+    first_seed = seed * SEEDS_PER_CALIBRATION
+    plan = plan_diagnosis(budget)
+    calibration = plan_budget(problem, RECALIBRATION_SCALE * budget)
+    num_parameters = len(problem.layout.names)
+    num_trial_runs = (2 * num_parameters + 1) * plan.slope_runs + 2 * len(EFFECTS) * plan.effect_runs
+    progress.plan(
+        calibration.num_surrogate_runs + num_trial_runs,
+        calibration.confirmation_runs * calibration.confirmation_rounds + plan.null_runs + plan.default_runs,
+    )
+    journal = run_folder.journal
+    stopwatch = Stopwatch(journal.clock)
+    stages = Stages(run_folder.path / "stages")
+
+    with sumo_engine(problem) as pool:
+        engine = surrogate_engine(problem)
+        searched = search_values(
+            problem, Settings(), calibration, seed, engine, JournaledSumo(pool, journal), journal, progress, stopwatch
+        )
+    values = searched.values
+    background, subject = expected_drivers(problem, values)
+    features = DriveFeatures(conventions_of(problem), background, subject)
+    interval_s = fine_interval_s(problem)
+
+    progress.stage("null")
+    with stopwatch.time("null"):
+        strengths = {effect.name: _strengths(effect) for effect in EFFECTS}
+        alterations = alterations_of(strengths, interval_s)
+        arguments = (problem, features)
+
+        def null_tallies(where: np.ndarray, num_runs: int, num_altered: int, first: int) -> Mapping[str, DriveTallies]:
+            runs = run_null(
+                *arguments, where, num_runs, num_altered, alterations if num_altered else (), first_seed + first,
+                progress.sumo_runs,
+            )  # fmt: skip
+            altered = {f"{name} {strength!r}": tallies for (name, strength), tallies in runs.altered.items()}
+            return {"": runs.plain} | altered
+
+        key = repr(values.tolist())
+        kept = stages.tallies(f"null {key}", lambda: null_tallies(values, plan.null_runs, plan.altered_runs, NULL_SEED))
+        altered = {(name, strength): kept[f"{name} {strength!r}"] for name, strength in alterations}
+        runs = NullRuns(kept[""], altered)
+        base = problem.template.base_values()
+        default = stages.tallies(f"default {key}", lambda: null_tallies(base, plan.default_runs, 0, DEFAULT_SEED))[""]
+
+    progress.stage("atlas")
+    with stopwatch.time("atlas"):
+        runner = _trial_runner(problem, features, first_seed + TRIAL_SEED)
+        slopes = parameter_trials(problem.layout, values, plan.slope_runs)
+        found = stages.tallies(f"slopes {key}", lambda: runner.run(slopes, progress.surrogate_runs))
+        everywhere = effect_trials(values, plan.effect_runs, {})
+        found |= stages.tallies(
+            f"effects {key}", lambda: runner.run([one.trial for one in everywhere], progress.surrogate_runs)
+        )
+
+    progress.stage("evidence")
+    with stopwatch.time("evidence"):
+        frames = [drive_table(drive.frames(interval_s), interval_s) for drive in problem.drives]
+        departs = [drive.depart_s for drive in problem.case.drives]
+        field = gather_tallies([features.of_table(table) for table in frames], departs)
+        is_fit = np.asarray([drive.role == "fit" for drive in problem.drives])
+        fitted = prepare(problem, field.take(is_fit), runs, found)
+        windows, num_places = windows_of_effects(fitted.difference, fitted.null, features.road)
+        local = [one for one in effect_trials(values, plan.local_runs, windows) if one.window is not None]
+        found |= stages.tallies(
+            f"local {key} {windows!r}", lambda: runner.run([one.trial for one in local], progress.surrogate_runs)
+        )
+        trials = [*everywhere, *local]
+        signatures = all_signatures(fitted, runs, trials, found)
+        explained = explanations(problem, values, fitted, signatures, num_places)
+        held_out = prepare(problem, field.take(~is_fit), runs, found) if not is_fit.all() else None
+
+    num_surrogate = searched.surrogate.num_runs + sum(len(tallies) for tallies in found.values())
+    num_sumo = len(searched.confirmation.outcomes) + len(runs.plain) + len(default)
+    stopwatch.add("reading", 0.0)
+    findings = Findings(
+        problem=problem,
+        seed=seed,
+        values=values,
+        fitted=fitted,
+        held_out=held_out,
+        default=default,
+        explained=explained,
+        signatures=signatures,
+        atlas=atlas_of(signatures, fitted.null, int(is_fit.sum())),
+        windows=windows,
+        runs={"surrogate": num_surrogate, "sumo": num_sumo},
+        wall_s=stopwatch.wall_s | {"total": journal.clock() - began},
+    )
+    progress.stage("report")
+    diagnosis = conclude(findings)
+    run_folder.write_text("diagnosis.json", diagnosis.to_json())
+    from jaxcalib.diagnosis.report import report_html
+
+    run_folder.write_text("diagnosis.html", report_html(findings, diagnosis))
+    return diagnosis
+
+
+def _strengths(effect) -> tuple[float, ...]:
+    several = (effect.weak, effect.medium, effect.strong)
+    return (*several, -effect.medium) if effect.is_signed else several
+
+
+def _trial_runner(problem: CalibrationProblem, features: DriveFeatures, first_seed: int) -> TrialRunner:
+    scenario, perception = problem.parts.scenario, problem.case.perception
+    longest_s = scenario.duration_s - min(drive.depart_s for drive in problem.case.drives)
+    num_frames = FRAMES_STEP * int(np.ceil((longest_s / COARSE_S + 2) / FRAMES_STEP))
+    recorder = FrameRecorder(num_frames, PLACES_FOR_OBJECTS)
+    engine = JaxSimulator(
+        template=problem.template,
+        observer=recorder,
+        sensor=Sensor(
+            jnp.asarray(perception.ahead_m, jnp.float32), jnp.asarray(perception.behind_m, jnp.float32), OBJECTS_PER_ROW
+        ),
+        clock=Clock(scenario.step_s, max(1, round(DECISION_INTERVAL_S / scenario.step_s))),
+        end_s=scenario.duration_s,
+        capacity=expected_vehicles(problem, SPARE_CAPACITY),
+        frame_interval_s=COARSE_S,
+    ).with_effects()
+    departs = sorted({drive.depart_s for drive in problem.case.drives})
+    return TrialRunner(engine, recorder, features, departs, first_seed, COARSE_S)

@@ -1,0 +1,89 @@
+"""How far the gap shrinks, on drives that nothing was fitted to or chosen by.
+
+The gap is the mean over features of the squared difference between drives and simulation in units of noise: 1 is about
+what chance alone makes. A single feature counts at most CAP, so that none of them is the whole answer.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from jaxcalib.diagnosis.features import DriveTallies
+from jaxcalib.diagnosis.noise import NullModel, on_cells
+
+CAP = 100.0
+NUM_DRAWS = 400
+INTERVAL = (0.05, 0.95)
+
+
+@dataclass(frozen=True)
+class Shrinkage:
+    """Gaps on held-out drives.
+
+    Attributes:
+        default: of the scenario as it is.
+        recalibrated: of the calibrated simulation.
+        with_effect: of that with the effect.
+        floor: what chance alone makes of it.
+        fraction_closed: share of the gap above the floor that the effect closes; None where there is no such gap.
+        interval_90: its interval over drives; None where one drive was held out or there is no gap.
+    """
+
+    default: float
+    recalibrated: float
+    with_effect: float
+    floor: float
+    fraction_closed: float | None
+    interval_90: tuple[float, float] | None
+
+
+def measure_shrinkage(
+    held_out: DriveTallies,
+    null: NullModel,
+    default_values: np.ndarray,
+    baseline_steps: np.ndarray,
+    effect_steps: np.ndarray,
+    effect_shift: np.ndarray | None,
+    random: np.random.Generator,
+) -> Shrinkage:
+    """Return the gaps.
+
+    Args:
+        held_out: tallies of the drives.
+        null: the null model for as many drives.
+        default_values: features of the scenario as it is.
+        baseline_steps: shift of the parameters that the drives to fit ask for, without effect.
+        effect_steps: the same with the effect.
+        effect_shift: what the effect adds to the features, in units of noise; None where no effect was found.
+        random: for the interval.
+    """
+    tallies = on_cells(held_out, null.cells)
+
+    def gap(difference: np.ndarray) -> float:
+        return float(np.mean(np.minimum(np.nan_to_num(difference, nan=0.0) ** 2, CAP)))
+
+    def gaps(values: np.ndarray) -> tuple[float, float]:
+        difference = null.standardised(values)
+        before = gap(difference - null.slope @ baseline_steps)
+        if effect_shift is None:
+            return before, before
+        return before, gap(difference - null.slope @ effect_steps - effect_shift)
+
+    floor = float(np.mean(np.diag(null.noise)))
+    values = tallies.values()
+    recalibrated, with_effect = gaps(values)
+    default = gap(null.standardised(values) - null.standardised(default_values))
+    fraction, interval = None, None
+    if effect_shift is not None and recalibrated > floor:
+        fraction = (recalibrated - with_effect) / (recalibrated - floor)
+        if len(tallies) > 1:
+            draws = []
+            for _ in range(NUM_DRAWS):
+                drawn = tallies.take(random.integers(0, len(tallies), len(tallies)))
+                one, other = gaps(np.where(drawn.below.sum(axis=0) > 0, drawn.values(), values))
+                # drawing drives again adds their noise a second time
+                excess = one - 2.0 * floor if one > 2.0 * floor else max(one - floor, 1e-6)
+                draws.append((one - other) / excess)
+            low, high = np.quantile(draws, INTERVAL)
+            interval = (float(min(low, fraction)), float(max(high, fraction)))
+    return Shrinkage(default, recalibrated, with_effect, floor, fraction, interval)
