@@ -1,1 +1,1 @@
-"""Diagnosis of the gap between simulation and road: where it lies, which missing effect causes it, how far it shrinks."""
+"""Where simulation and road differ, which missing effect causes it, and how far the gap shrinks with it."""

@@ -219,8 +219,9 @@ def _signature(
     zero = np.zeros(len(null.cells))
     shift = np.stack([zero, *(row[0] / null.deviation for row in rows)])
     error = np.stack([zero, *(np.where(np.isfinite(row[1]), row[1], 0.0) / null.deviation for row in rows)])
-    return Signature(name, setting, np.abs([0.0, *strengths]), shift, error, exactness, sign=float(np.sign(strengths[0])),
-                     is_fixed=name == "blockage")  # fmt: skip
+    sign = float(np.sign(strengths[0]))
+    sizes = np.abs([0.0, *strengths])
+    return Signature(name, setting, sizes, shift, error, exactness, sign, is_fixed=name == "blockage")
 
 
 def _tuple(values: np.ndarray) -> tuple[float, ...]:
@@ -279,11 +280,26 @@ def atlas_of(signatures: Mapping[str, Sequence[Signature]], null: NullModel, num
         more = np.sqrt((num_drives + MORE_DRIVES) / num_drives)
         entries[name] = AtlasEntry(
             absorption=float(np.clip(1.0 - seen / total, 0.0, 1.0)) if total > 0 else 0.0,
-            visible_from=_strength_of_size(one.strengths, np.asarray(sizes), VISIBLE),
-            visible_with_more=_strength_of_size(one.strengths, more * np.asarray(sizes), VISIBLE),
+            visible_from=_visible_from(signatures[name], one, np.asarray(sizes), precision, VISIBLE),
+            visible_with_more=_visible_from(signatures[name], one, np.asarray(sizes), precision, VISIBLE / more),
             alike=alike,
         )
     return entries
+
+
+def _visibility(one: Signature, precision: np.ndarray) -> float:
+    """Return how large a signature is per strength."""
+    return float(one.shift[-1] @ precision @ one.shift[-1]) / float(one.strengths[-1]) ** 2
+
+
+def _visible_from(
+    several: Sequence[Signature], chosen: Signature, sizes: np.ndarray, precision: np.ndarray, size: float
+) -> float | None:
+    """Return the weakest strength whose signature has a size; of fixed signatures the weakest that has."""
+    if not chosen.is_fixed:
+        return _strength_of_size(chosen.strengths, sizes, size)
+    visible = [one.strengths[-1] for one in several if float(one.shift[-1] @ precision @ one.shift[-1]) >= size**2]
+    return float(min(visible)) if visible else None
 
 
 def _strength_of_size(strengths: np.ndarray, sizes: np.ndarray, size: float) -> float | None:

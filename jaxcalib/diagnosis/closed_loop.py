@@ -36,10 +36,6 @@ def count_closed_loop(table: DriveTable, road: Conventions, book: TallyBook) -> 
     _standing(table, book, background)
 
 
-def _cells_of_stretch(road: Conventions, index: int) -> dict[str, float]:
-    return {"from_m": float(road.stretch_m[index]), "to_m": float(road.stretch_m[index + 1])}
-
-
 def _speeds(table, road, book, chosen, lane, lanes, limit, stretch) -> None:
     speed = table.speed_mps
     ratio = speed / limit
@@ -47,7 +43,7 @@ def _speeds(table, road, book, chosen, lane, lanes, limit, stretch) -> None:
     below = np.bincount(stretch[chosen], minlength=num_stretches)
     above = np.bincount(stretch[chosen], speed[chosen], num_stretches)
     for index in range(num_stretches):
-        book.quotient(Cell(CHANNEL, "speed_mps", **_cells_of_stretch(road, index)), above[index], below[index])
+        book.quotient(Cell(CHANNEL, "speed_mps").within(*road.stretch_m[index : index + 2]), above[index], below[index])
     for one in lanes:
         book.mean(Cell(CHANNEL, "speed_mps", lane=int(one)), speed, chosen & (lane == one))
     regime = np.digitize(ratio, SPEED_BORDERS)
@@ -100,7 +96,9 @@ def _occupancy(table, road, book, chosen, lane, lanes, stretch) -> None:
     place = np.digitize(subject_at, road.stretch_m) - 1
     for index in range(len(road.stretch_m) - 1):
         at = table.is_valid & (place == index)
-        book.quotient(Cell(CHANNEL, "vehicles_near", **_cells_of_stretch(road, index)), seen[at].sum(), at.sum())
+        book.quotient(
+            Cell(CHANNEL, "vehicles_near").within(*road.stretch_m[index : index + 2]), seen[at].sum(), at.sum()
+        )
     book.quotient(Cell(CHANNEL, "vehicles_near"), seen[table.is_valid].sum(), num_instants)
     # fluctuation of density: what platoons raise
     shift = round(WAVE_S / table.interval_s)
@@ -171,10 +169,8 @@ def _lane_changes(table, road, book, background, stretch) -> None:
         count = np.bincount(group[moved], minlength=groups)
         book.quotient(Cell(CHANNEL, "lane_changes_pkm", f"to the {name}"), count.sum(), km.sum())
         for index in range(groups):
-            cell = Cell(
-                CHANNEL, "lane_changes_pkm", f"to the {name}",
-                from_m=float(road.stretch_m[-1] * index / groups), to_m=float(road.stretch_m[-1] * (index + 1) / groups),
-            )  # fmt: skip
+            length_m = road.stretch_m[-1] / groups
+            cell = Cell(CHANNEL, "lane_changes_pkm", f"to the {name}").within(length_m * index, length_m * (index + 1))
             book.quotient(cell, count[index], km[index])
     changed = known & (now != was)
     leader, follower = table.leader, table.follower

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -13,7 +14,7 @@ from jaxcalib.diagnosis.investigation import Prepared, gain_of, shift_in_errors,
 from jaxcalib.diagnosis.ledger import LedgerEntry, make_ledger, parameter_shift
 from jaxcalib.diagnosis.noise import on_cells
 from jaxcalib.diagnosis.shrinkage import measure_shrinkage
-from jaxcalib.diagnosis.verdict import Verdict, judge, probabilities
+from jaxcalib.diagnosis.verdict import Verdict, judge
 from jaxcalib.problem import CalibrationProblem
 from surrogate.effects.registry import EFFECTS, effect_named
 
@@ -33,6 +34,7 @@ class Findings:
         held_out: the same of held-out drives; None where there are none.
         default: tallies of SUMO runs of the scenario as it is.
         explained: explanations, best first.
+        least_gain: gain in log evidence of the best explanation, without the drive that favours it most.
         signatures: of all effects that were tried.
         atlas: what is known of each effect beforehand.
         windows: where local effects were tried.
@@ -47,6 +49,7 @@ class Findings:
     held_out: Prepared | None
     default: DriveTallies
     explained: Sequence[Explained]
+    least_gain: float
     signatures: Mapping[str, Sequence[Signature]]
     atlas: Mapping[str, AtlasEntry]
     windows: Mapping[str, Sequence[Window]]
@@ -62,13 +65,13 @@ def conclude(findings: Findings) -> Diagnosis:
     """Return the diagnosis."""
     problem, fitted = findings.problem, findings.fitted
     shift = shift_in_errors(problem, findings.values, fitted)
-    verdict = judge(findings.explained, shift, len(fitted.tallies) < FEW_DRIVES)
+    verdict = judge(findings.explained, findings.least_gain, shift, len(fitted.tallies) < FEW_DRIVES)
     layout = problem.layout
     return Diagnosis(
         verdict=verdict.kind,
         effects=verdict.effects,
         reason=verdict.reason,
-        ranking=_ranking(findings),
+        ranking=_ranking(findings, verdict),
         where=_where(findings.ledger(), float(np.asarray(problem.road.section_border_m)[-1])),
         how_far=_how_far(findings, verdict),
         undetectable_below={name: one.visible_from for name, one in findings.atlas.items()},
@@ -84,8 +87,8 @@ def conclude(findings: Findings) -> Diagnosis:
     )
 
 
-def _ranking(findings: Findings) -> list[Ranked]:
-    probability = probabilities(findings.explained)
+def _ranking(findings: Findings, verdict: Verdict) -> list[Ranked]:
+    probability = verdict.probability
     none = next(one.log_evidence for one in findings.explained if one.name == NONE)
     ranking = []
     for one in findings.explained:
@@ -141,7 +144,7 @@ def _where(ledger: Sequence[LedgerEntry], length_m: float) -> list[WhereEntry]:
     return entries
 
 
-def _how_far(findings: Findings, verdict: Verdict) -> dict[str, object]:
+def _how_far(findings: Findings, verdict: Verdict) -> dict[str, Any]:
     names = ("gap_default", "gap_recalibrated", "gap_with_effect", "noise_floor", "fraction_closed",
              "fraction_closed_ci90")  # fmt: skip
     held_out, fitted = findings.held_out, findings.fitted

@@ -1,4 +1,4 @@
-"""What all diagnostic features have in common: the road, what is seen of it, and the drivers that are expected there."""
+"""What all diagnostic features have in common: the road, what is seen of it, and the drivers expected there."""
 
 import functools
 from dataclasses import dataclass

@@ -36,6 +36,10 @@ class Cell(NamedTuple):
     to_s: float | None = None
     is_logarithmic: bool = False
 
+    def within(self, from_m: float, to_m: float) -> "Cell":
+        """Return the same on a stretch of route."""
+        return self._replace(from_m=float(from_m), to_m=float(to_m))
+
     @property
     def name(self) -> str:
         """A name that tells it from all others."""

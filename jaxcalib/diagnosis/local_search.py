@@ -38,16 +38,19 @@ def persistent_windows(difference: np.ndarray, null: NullModel, road: Convention
 
 def passing_windows(difference: np.ndarray, null: NullModel, road: Conventions) -> tuple[list[Window], int]:
     """Return the best places and times for an effect that comes and goes; speeds by place and time decide."""
-    starts_m = sorted({cell.from_m for cell in null.cells if cell.regime == "by time" and cell.from_m is not None})
-    starts_s = sorted({cell.from_s for cell in null.cells if cell.regime == "by time" and cell.from_s is not None})
-    if not starts_m or not starts_s:
+    by_time = [
+        (index, cell.from_m, cell.to_m, cell.from_s)
+        for index, cell in enumerate(null.cells)
+        if cell.regime == "by time" and cell.from_m is not None and cell.to_m is not None and cell.from_s is not None
+    ]
+    if not by_time:
         return [], 1
+    starts_m, starts_s = sorted({one[1] for one in by_time}), sorted({one[3] for one in by_time})
     places, times = np.full((2, len(null.cells)), -1)
     end_m: dict[int, float] = {}
-    for index, cell in enumerate(null.cells):
-        if cell.regime == "by time" and cell.from_m is not None and cell.to_m is not None:
-            places[index], times[index] = starts_m.index(cell.from_m), starts_s.index(cell.from_s)
-            end_m[int(places[index])] = cell.to_m
+    for index, from_m, to_m, from_s in by_time:
+        places[index], times[index] = starts_m.index(from_m), starts_s.index(from_s)
+        end_m[int(places[index])] = to_m
     period_s = float(np.diff(road.period_s[:2])[0])
     span = max(1, round(LEAST_PERIOD_S / period_s))
     found = []

@@ -1,4 +1,4 @@
-"""What the field would differ by if no effect were there: chance, the error of the calibration, and of the simulation."""
+"""What the field would differ by without any effect: chance, the calibration's error, and the simulation's."""
 
 import re
 from dataclasses import dataclass

@@ -5,6 +5,8 @@ the one that the calibrated model takes from what it meets at both ends. No traj
 not pile up, and nothing but the driver's own law is judged.
 """
 
+import itertools
+
 import numpy as np
 
 from jaxcalib.diagnosis.closed_loop import SPEED_BORDERS, SPEED_NAMES
@@ -52,8 +54,8 @@ def count_replay(
     observed = np.where(has_after, (table.speed_mps[later] - table.speed_mps) / step, 0.0)
     residual = observed - 0.5 * (expected + expected[later])
     residual = np.clip(residual, -MOST_RESIDUAL_MPS2, MOST_RESIDUAL_MPS2)
-    leader_acceleration = np.where(has & (leader_after >= 0),
-                                   (table.speed_mps[np.maximum(leader_after, 0)] - leader_speed) / step, 0.0)  # fmt: skip
+    change = (table.speed_mps[np.maximum(leader_after, 0)] - leader_speed) / step
+    leader_acceleration = np.where(has & (leader_after >= 0), change, 0.0)
 
     before = np.maximum(table.before, 0)
     has_before = table.before >= 0
@@ -145,7 +147,7 @@ def recovering_start(table: DriveTable) -> np.ndarray:
 
 def _after_changes(book, residual, time_gap, chosen, since_own, since_cut_in) -> None:
     for who, since in (("after own lane change", since_own), ("behind a newcomer", since_cut_in)):
-        for low, high in zip(CHANGE_BORDERS_S[:-1], CHANGE_BORDERS_S[1:], strict=True):
+        for low, high in itertools.pairwise(CHANGE_BORDERS_S):
             at = chosen & (since >= low) & (since < high) & (time_gap < FOLLOWING_S)
             regime = f"{who}, {low:g} to {high:g} s"
             book.mean(Cell(CHANNEL, "residual_mps2", regime), residual, at)
@@ -224,11 +226,14 @@ def _merging(table, road, book, residual, chosen, follows) -> None:
         lane = road.lane_from_left[table.lane]
         near = chosen & (table.position_m > begin_m - 200.0) & (table.position_m < end_m)
         at_right = lane >= np.sort(np.unique(road.lane_from_left))[-2]
-        place = {"from_m": float(begin_m - 200.0), "to_m": float(end_m)}
         for name, where in (("right lanes", at_right), ("left lanes", ~at_right)):
             book.mean(
-                Cell(CHANNEL, "residual_mps2", f"merging area, {name}", **place), residual, near & where & follows
+                Cell(CHANNEL, "residual_mps2", f"merging area, {name}").within(begin_m - 200.0, end_m),
+                residual,
+                near & where & follows,
             )
             strong = near & where
-            cell = Cell(CHANNEL, "residual_share_below_-0.8_mps2", f"merging area, {name}", **place)
+            cell = Cell(CHANNEL, "residual_share_below_-0.8_mps2", f"merging area, {name}").within(
+                begin_m - 200.0, end_m
+            )
             book.quotient(cell, (strong & (residual < -0.8)).sum(), strong.sum())

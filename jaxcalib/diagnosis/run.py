@@ -18,12 +18,13 @@ from jaxcalib.diagnosis.drive_features import COARSE_S, DriveFeatures
 from jaxcalib.diagnosis.drive_table import drive_table
 from jaxcalib.diagnosis.features import DriveTallies, gather_tallies
 from jaxcalib.diagnosis.frame_recorder import FrameRecorder
-from jaxcalib.diagnosis.investigation import all_signatures, explanations, prepare
+from jaxcalib.diagnosis.investigation import all_signatures, best_gain, explanations, least_gain, prepare
 from jaxcalib.diagnosis.local_search import windows_of_effects
 from jaxcalib.diagnosis.null_runs import NullRuns, alterations_of, fine_interval_s, run_null
 from jaxcalib.diagnosis.plan import plan_diagnosis
 from jaxcalib.diagnosis.stages import Stages
 from jaxcalib.diagnosis.trials import TrialRunner
+from jaxcalib.diagnosis.verdict import LEAST_EVIDENCE
 from jaxcalib.engines import (
     DECISION_INTERVAL_S,
     OBJECTS_PER_ROW,
@@ -83,9 +84,11 @@ def diagnose(
     problem = read_problem(case)
     identity = identify(problem.case, {"command": "diagnose", "seed": seed, "budget": budget})
     if out is None:
-        with tempfile.TemporaryDirectory(prefix="jaxcalib-") as folder:
-            with open_run_folder(Path(folder) / "run", identity, False) as run_folder:
-                return _diagnose(problem, seed, budget, run_folder, progress or Silent(), began)
+        with (
+            tempfile.TemporaryDirectory(prefix="jaxcalib-") as folder,
+            open_run_folder(Path(folder) / "run", identity, False) as run_folder,
+        ):
+            return _diagnose(problem, seed, budget, run_folder, progress or Silent(), began)
     with open_run_folder(Path(out), identity, resume) as run_folder:
         return _diagnose(problem, seed, budget, run_folder, progress or Silent(), began)
 
@@ -162,6 +165,9 @@ def _diagnose(
         trials = [*everywhere, *local]
         signatures = all_signatures(fitted, runs, trials, found)
         explained = explanations(problem, values, fitted, signatures, num_places)
+        gain = best_gain(explained)
+        if gain > LEAST_EVIDENCE and is_fit.sum() > 1:
+            gain = min(gain, least_gain(problem, values, fitted, runs, found, signatures, num_places))
         held_out = prepare(problem, field.take(~is_fit), runs, found) if not is_fit.all() else None
 
     num_surrogate = searched.surrogate.num_runs + sum(len(tallies) for tallies in found.values())
@@ -175,6 +181,7 @@ def _diagnose(
         held_out=held_out,
         default=default,
         explained=explained,
+        least_gain=gain,
         signatures=signatures,
         atlas=atlas_of(signatures, fitted.null, int(is_fit.sum())),
         windows=windows,

@@ -115,5 +115,8 @@ def paired_difference(
 
 
 def _columns(tallies: DriveTallies, places: list[int], runs: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    above, below = tallies.above[np.ix_(runs, places)], tallies.below[np.ix_(runs, places)]
+    above, below = (
+        tallies.above[np.ix_(runs, np.asarray(places, int))],
+        tallies.below[np.ix_(runs, np.asarray(places, int))],
+    )
     return above, below, tallies.depart_s[runs]

@@ -4,14 +4,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import logsumexp
 
 from jaxcalib.diagnosis.evidence import NONE, UNKNOWN, Explained
 
 PRIOR_NONE, PRIOR_UNKNOWN = 0.5, 0.1
-# Natural logarithm of the evidence ratio that an effect needs against the baseline; "very strong" for Kass & Raftery.
-# On pseudo-fields made of null runs its maximum over all effects stays below: docs/diagnosis.md.
+# Natural logarithm of the evidence ratio that an effect needs against the baseline: "very strong" for Kass & Raftery.
+# It must stay when the drive that favours it most is left out. How often null runs reach it: docs/diagnosis.md.
 LEAST_EVIDENCE = 5.0
+LEAST_WITHOUT_ONE = 4.0  # the same without the drive that favours it most
 # Explanations are told apart by the shape of signatures that a surrogate made; its errors are alike in neighbouring
 # features, which the model counts as independent. So differences between explanations count for less than they seem.
 TEMPERATURE = 4.0
@@ -38,11 +38,15 @@ class Verdict:
     reason: str
 
 
-def probabilities(explained: Sequence[Explained]) -> dict[str, float]:
-    """Return the probability of each explanation, none and unknown among them."""
+def probabilities(explained: Sequence[Explained], least_gain: float) -> dict[str, float]:
+    """Return the probability of each explanation, none and unknown among them.
+
+    Args:
+        explained: all explanations.
+        least_gain: gain of the best of them over the baseline that no single drive makes.
+    """
     names = [one.name for one in explained]
-    log_evidence = np.asarray([one.log_evidence for one in explained])
-    none = log_evidence[names.index(NONE)]
+    none = explained[names.index(NONE)].log_evidence
     num_effects = max(len(names) - 2, 1)
     prior = np.asarray(
         [
@@ -50,32 +54,36 @@ def probabilities(explained: Sequence[Explained]) -> dict[str, float]:
             for name in names
         ]
     )
-    gain = log_evidence - none
+    gain = np.asarray([one.log_evidence - none for one in explained])
     is_none = np.asarray([name == NONE for name in names])
-    something = np.log(prior[~is_none]) + gain[~is_none]
-    total = float(logsumexp(something))  # something is there: judged untempered
+    prior_of, gain_of = prior[~is_none], gain[~is_none]
+    something = np.log(prior_of) + gain_of
+    # whether there is something is judged untempered, but on what no single drive makes
+    total = float(np.logaddexp.reduce(something)) - max(float(gain_of.max()) - least_gain, 0.0)
     share_of_none = 1.0 / (1.0 + np.exp(np.clip(total - np.log(PRIOR_NONE), -700, 700)))
-    tempered = np.log(prior[~is_none]) + gain[~is_none] / TEMPERATURE
-    share = np.exp(tempered - logsumexp(tempered))
+    tempered = np.log(prior_of) + gain_of / TEMPERATURE
+    share = np.exp(tempered - np.logaddexp.reduce(tempered))
     values = np.zeros(len(names))
     values[is_none] = share_of_none
     values[~is_none] = (1.0 - share_of_none) * share
     return dict(zip(names, values.tolist(), strict=True))
 
 
-def judge(explained: Sequence[Explained], shift_errors: float, few_drives: bool) -> Verdict:
+def judge(explained: Sequence[Explained], least_gain: float, shift_errors: float, few_drives: bool) -> Verdict:
     """Return the verdict.
 
     Args:
         explained: all explanations.
+        least_gain: gain of the best of them over the baseline that no single drive makes.
         shift_errors: by how many of its errors the calibration moved the parameters away from the scenario's.
         few_drives: whether there are too few drives to name one effect.
     """
-    probability = probabilities(explained)
+    probability = probabilities(explained, least_gain)
     by_name = {one.name: one for one in explained}
     none = by_name[NONE].log_evidence
+    best_gain = max(one.log_evidence for one in explained if one.name != NONE) - none
     ranked = sorted((one for one in explained if one.name != NONE), key=lambda one: -probability[one.name])
-    if ranked[0].log_evidence - none < LEAST_EVIDENCE:
+    if best_gain < LEAST_EVIDENCE or least_gain < LEAST_WITHOUT_ONE:
         if shift_errors > MISCALIBRATED_ERRORS:
             return Verdict("miscalibrated", (), probability, "The scenario's values differ from the road's; with "
                            "calibrated values nothing is left that noise does not explain.")  # fmt: skip
