@@ -57,10 +57,8 @@ def sentences(diagnosis: Diagnosis) -> list[str]:
         if one.strength is None or one.strength_ci90 is None:
             continue
         low, high = one.strength_ci90
-        text = (
-            f"{name.replace('_', ' ')} ({effect.title}): strength {one.strength:.3g}, between {low:.3g} and {high:.3g}, "
-            f"in {effect.unit}."
-        )
+        text = f"{name.replace('_', ' ')} ({effect.title}): strength {one.strength:.3g}, "
+        text += f"between {low:.3g} and {high:.3g}, in {effect.unit}."
         setting = one.place_and_time
         if "route_from_m" in setting:
             text += f" At {setting['route_from_m']:.0f} to {setting['route_to_m']:.0f} m of the route"
