@@ -5,16 +5,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jaxcalib.diagnosis.evidence import NONE, UNKNOWN, Explained
+from jaxcalib.diagnosis.evidence import NONE, TEMPERATURE, UNKNOWN, Explained
 
 PRIOR_NONE, PRIOR_UNKNOWN = 0.5, 0.1
 # Natural logarithm of the evidence ratio that an effect needs against the baseline: "very strong" for Kass & Raftery.
 # It must stay when the drive that favours it most is left out. How often null runs reach it: docs/diagnosis.md.
 LEAST_EVIDENCE = 5.0
 LEAST_WITHOUT_ONE = 4.0  # the same without the drive that favours it most
-# Explanations are told apart by the shape of signatures that a surrogate made; its errors are alike in neighbouring
-# features, which the model counts as independent. So differences between explanations count for less than they seem.
-TEMPERATURE = 4.0
 ALONE = 0.7
 IN_SET = 0.9
 LARGEST_SET = 3

@@ -1,0 +1,28 @@
+"""The command: wrong input ends with exit code 2 and one line."""
+
+import shutil
+from pathlib import Path
+
+from jaxcalib.cli import EXIT_CASE_WRONG, diagnose
+
+CASE = Path(__file__).parents[2] / "experiments" / "cases" / "corridor"
+
+
+def test_no_case(tmp_path, capsys):
+    assert diagnose(tmp_path / "nowhere", out=tmp_path / "run") == EXIT_CASE_WRONG
+    assert len(capsys.readouterr().err.strip().splitlines()) == 1
+
+
+def test_case_without_drive_to_fit(tmp_path, capsys):
+    shutil.copytree(CASE, tmp_path / "case")
+    file = tmp_path / "case" / "case.toml"
+    file.write_text(file.read_text().replace('"fit"', '"held_out"'))
+    assert diagnose(tmp_path / "case", out=tmp_path / "run") == EXIT_CASE_WRONG
+    assert "fit" in capsys.readouterr().err
+
+
+def test_folder_of_somebody_else(tmp_path, capsys):
+    (tmp_path / "run").mkdir()
+    (tmp_path / "run" / "letter.txt").write_text("mine")
+    assert diagnose(CASE, out=tmp_path / "run") == EXIT_CASE_WRONG
+    assert "empty folder" in capsys.readouterr().err

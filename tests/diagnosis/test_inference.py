@@ -1,0 +1,145 @@
+"""Null model, evidence, verdict and ledger on numbers whose answer is known."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from synthetic import made_up_null
+
+from jaxcalib.diagnosis.evidence import NONE, UNKNOWN, Signature, explain, explain_none, explain_unknown, groups_of
+from jaxcalib.diagnosis.features import Cell, DriveTallies
+from jaxcalib.diagnosis.ledger import make_ledger, parameter_shift, remaining_covariance
+from jaxcalib.diagnosis.ramp_inflow import explain_ramps
+from jaxcalib.diagnosis.stages import Stages
+from jaxcalib.diagnosis.verdict import judge, probabilities
+
+NULL = made_up_null()
+SIZE = len(NULL.cells)
+
+
+def signature(name: str, seed: int, size: float = 1.5) -> Signature:
+    """Return a signature that is linear in the strength up to 2, medium 1."""
+    direction = size * np.random.default_rng(seed).standard_normal(SIZE)
+    shift = np.stack([np.zeros(SIZE), direction, 2.0 * direction])
+    return Signature(name, {}, np.asarray([0.0, 1.0, 2.0]), shift, np.zeros((3, SIZE)))
+
+
+SIGNATURES = {name: signature(name, seed) for seed, name in enumerate(("grade", "memory", "keep_right"), 1)}
+
+
+def explained(difference: np.ndarray):
+    found = [explain_none(difference, NULL), explain_unknown(difference, NULL, groups_of(NULL.cells))]
+    return found + [explain(difference, NULL, [one], 1.0) for one in SIGNATURES.values()]
+
+
+def noise(seed: int) -> np.ndarray:
+    random = np.random.default_rng(seed)
+    return np.linalg.cholesky(NULL.covariance) @ random.standard_normal(SIZE)
+
+
+def test_noise_and_shifted_parameters_are_no_effect():
+    alarms = 0
+    for seed in range(60):
+        found = explained(noise(seed))
+        gain = max(one.log_evidence for one in found if one.name != NONE) - found[0].log_evidence
+        alarms += judge(found, gain, 0.0, False).kind != "no_gap"
+    assert alarms / 60 <= 0.1  # what is promised of nulls
+
+
+@pytest.mark.parametrize("name", SIGNATURES)
+def test_an_effect_is_named_with_its_strength(name: str):
+    strengths = []
+    for seed in range(12):
+        found = explained(noise(seed) + 1.3 * SIGNATURES[name].shift[1])
+        gain = max(one.log_evidence for one in found if one.name != NONE) - found[0].log_evidence
+        assert judge(found, gain, 0.0, False).effects == (name,)
+        strengths.append(next(one.strength for one in found if one.name == name))
+    assert np.mean(strengths) == pytest.approx(1.3, rel=0.15)
+
+
+def test_what_matches_no_signature_is_unknown():
+    strange = 4.0 * np.random.default_rng(99).standard_normal(SIZE)
+    found = explained(noise(7) + strange)
+    gain = max(one.log_evidence for one in found if one.name != NONE) - found[0].log_evidence
+    assert judge(found, gain, 0.0, False).kind == "unknown"
+
+
+def test_twins_are_a_set():
+    found = explained(noise(3) + 1.3 * SIGNATURES["grade"].shift[1])
+    twin = next(one for one in found if one.name == "grade")
+    found.append(type(twin)(**{**vars(twin), "name": "local_speed_reduction"}))
+    verdict = judge(found, 50.0, 0.0, False)
+    assert verdict.kind == "class"
+    assert set(verdict.effects) == {"grade", "local_speed_reduction"}
+
+
+def test_a_gain_that_one_drive_makes_is_no_effect():
+    found = explained(noise(3) + 1.3 * SIGNATURES["grade"].shift[1])
+    assert judge(found, 1.0, 0.0, False).kind == "no_gap"
+    assert probabilities(found, 1.0)[NONE] > 0.1
+
+
+@settings(max_examples=40, deadline=None)
+@given(seed=st.integers(0, 10_000), size=st.floats(0.0, 50.0), least=st.floats(-5.0, 500.0))
+def test_probabilities_sum_to_one(seed: int, size: float, least: float):
+    found = explained(noise(seed) + size * SIGNATURES["memory"].shift[1])
+    values = probabilities(found, least)
+    assert sum(values.values()) == pytest.approx(1.0, abs=1e-9)
+    assert min(values.values()) >= 0.0
+    assert set(values) == {NONE, UNKNOWN, *SIGNATURES}
+
+
+@settings(max_examples=30, deadline=None)
+@given(seed=st.integers(0, 10_000))
+def test_ledger_adds_up(seed: int):
+    values = NULL.mean + NULL.deviation * noise(seed)
+    ledger = make_ledger(values, NULL, np.random.default_rng(0))
+    difference = NULL.standardised(values)
+    remaining = difference - NULL.slope @ parameter_shift(difference, NULL)
+    whole = np.mean(remaining**2) - np.mean(np.diag(remaining_covariance(NULL)))
+    assert sum(one.share for one in ledger) == pytest.approx(1.0, abs=1e-12)
+    assert sum(one.excess for one in ledger) == pytest.approx(whole, abs=1e-12)
+    assert all(0.0 < one.p_adjusted <= 1.0 for one in ledger)
+
+
+def test_ledger_is_unbiased_and_its_p_values_hold():
+    wholes, alarms = [], 0
+    for seed in range(200):
+        ledger = make_ledger(NULL.mean + NULL.deviation * noise(seed), NULL, np.random.default_rng(seed))
+        wholes.append(sum(one.excess for one in ledger))
+        alarms += min(one.p_adjusted for one in ledger) < 0.1
+    assert abs(np.mean(wholes)) < 4.0 * np.std(wholes) / np.sqrt(200)
+    assert alarms / 200 < 0.1 + 4.0 * np.sqrt(0.1 * 0.9 / 200)
+
+
+def test_influence_has_mean_zero_and_foretells_the_change():
+    random = np.random.default_rng(5)
+    cells = (Cell("replay", "a"), Cell("replay", "b", is_logarithmic=True))
+    below = random.uniform(50.0, 150.0, (30, 2))
+    tallies = DriveTallies(cells, below * random.uniform(1.0, 1.2, (30, 2)), below, np.zeros(30))
+    influence = tallies.influence()
+    assert influence.mean(axis=0) == pytest.approx(0.0, abs=1e-12)
+    without = tallies.take(np.arange(1, 30)).values()
+    # leaving one of 30 out moves the pooled value by -influence/29, to first order
+    assert without - tallies.values() == pytest.approx(-influence[0] / 29, rel=0.05)
+
+
+def test_stages_remember(tmp_path):
+    cells = (Cell("replay", "a", from_m=0.0, to_m=200.0), Cell("identity", "b", role="subject", is_logarithmic=True))
+    tallies = DriveTallies(cells, np.asarray([[1.0, 2.5]]), np.asarray([[4.0, 0.0]]), np.asarray([300.0]))
+    first = Stages(tmp_path / "stages").tallies("part", lambda: {"x": tallies})
+    again = Stages(tmp_path / "stages").tallies("part", lambda: pytest.fail("made again"))
+    assert again["x"].cells == first["x"].cells == cells
+    assert (again["x"].above == tallies.above).all()
+    next((tmp_path / "stages").iterdir()).write_bytes(b"damaged")
+    assert Stages(tmp_path / "stages").tallies("part", lambda: {"x": tallies})["x"].cells == cells
+
+
+def test_a_ramp_far_from_its_given_inflow_is_an_error_of_inflow():
+    far, near = (explain_ramps(-10.0, {1: (ratio, 0.06)}, 1.0) for ratio in (0.45, 0.97))
+    assert far is not None
+    assert near is not None
+    assert far.log_evidence > -10.0 + 4.0
+    assert near.log_evidence < -10.0
+    assert far.strength == pytest.approx(-0.55, abs=0.06)
+    assert explain_ramps(-10.0, {}, 1.0) is None
