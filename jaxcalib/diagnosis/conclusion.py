@@ -32,6 +32,7 @@ class Findings:
         values: calibrated values.
         fitted: null model and features of the drives to fit.
         held_out: the same of held-out drives; None where there are none.
+        null_runs: tallies of SUMO runs with the calibrated values.
         default: tallies of SUMO runs of the scenario as it is.
         explained: explanations, best first.
         least_gain: gain in log evidence of the best explanation, without the drive that favours it most.
@@ -47,6 +48,7 @@ class Findings:
     values: np.ndarray
     fitted: Prepared
     held_out: Prepared | None
+    null_runs: DriveTallies
     default: DriveTallies
     explained: Sequence[Explained]
     least_gain: float
@@ -159,6 +161,7 @@ def _how_far(findings: Findings, verdict: Verdict) -> dict[str, Any]:
     found = measure_shrinkage(
         held_out.tallies,
         held_out.null,
+        findings.null_runs,
         on_cells(findings.default, held_out.null.cells).values(),
         baseline,
         steps,

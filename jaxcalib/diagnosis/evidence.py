@@ -23,7 +23,7 @@ SIGNATURE_ERROR = 0.5  # of a signature's size in a feature; see docs/diagnosis.
 # neighbouring features, which the model counts as independent. So differences between them count for less than they
 # seem.
 TEMPERATURE = 4.0
-STRENGTHS = (0.15, 0.3, 0.5, 0.75, 1.0, 1.4, 1.8)  # of medium, whose signatures are measured at medium and strong
+STRENGTHS = (0.15, 0.3, 0.5, 0.75, 1.0, 1.4, 1.8, 2.2)  # of medium, whose signatures are measured at medium and strong
 FIXED_STRENGTHS = np.asarray((0.6, 1.0))
 UNKNOWN_SIZES = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0)
 NONE, UNKNOWN = "none", "unknown"

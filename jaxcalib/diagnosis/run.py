@@ -179,6 +179,7 @@ def _diagnose(
         values=values,
         fitted=fitted,
         held_out=held_out,
+        null_runs=runs.plain,
         default=default,
         explained=explained,
         least_gain=gain,

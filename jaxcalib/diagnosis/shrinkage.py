@@ -13,6 +13,7 @@ from jaxcalib.diagnosis.noise import NullModel, on_cells
 
 CAP = 100.0
 NUM_DRAWS = 400
+NUM_FLOOR_SETS = 60
 INTERVAL = (0.05, 0.95)
 
 
@@ -37,9 +38,26 @@ class Shrinkage:
     interval_90: tuple[float, float] | None
 
 
+def noise_floor(simulated: DriveTallies, null: NullModel, num_drives: int, random: np.random.Generator) -> float:
+    """Return the mean gap of sets of null runs, as many as there are drives.
+
+    A set is part of the runs that its gap is measured from; what that takes off its variance is put back.
+    """
+    runs = on_cells(simulated, null.cells)
+    size = min(num_drives, len(runs) // 2)
+    found = []
+    for _ in range(NUM_FLOOR_SETS):
+        drawn = runs.take(random.permutation(len(runs))[:size])
+        values = np.where(drawn.below.sum(axis=0) > 0, drawn.values(), null.mean)
+        found.append(np.mean(np.minimum(null.standardised(values) ** 2, CAP)))
+    one, all_runs = 1.0 / size, 1.0 / len(runs)
+    return float(np.mean(found)) * (1.0 / num_drives + all_runs) / (one - all_runs)
+
+
 def measure_shrinkage(
     held_out: DriveTallies,
     null: NullModel,
+    simulated: DriveTallies,
     default_values: np.ndarray,
     baseline_steps: np.ndarray,
     effect_steps: np.ndarray,
@@ -51,6 +69,7 @@ def measure_shrinkage(
     Args:
         held_out: tallies of the drives.
         null: the null model for as many drives.
+        simulated: tallies of the null runs, for the floor.
         default_values: features of the scenario as it is.
         baseline_steps: shift of the parameters that the drives to fit ask for, without effect.
         effect_steps: the same with the effect.
@@ -69,7 +88,7 @@ def measure_shrinkage(
             return before, before
         return before, gap(difference - null.slope @ effect_steps - effect_shift)
 
-    floor = float(np.mean(np.diag(null.noise)))
+    floor = noise_floor(simulated, null, len(tallies), random)
     values = tallies.values()
     recalibrated, with_effect = gaps(values)
     default = gap(null.standardised(values) - null.standardised(default_values))
@@ -85,5 +104,6 @@ def measure_shrinkage(
                 excess = one - 2.0 * floor if one > 2.0 * floor else max(one - floor, 1e-6)
                 draws.append((one - other) / excess)
             low, high = np.quantile(draws, INTERVAL)
-            interval = (float(min(low, fraction)), float(max(high, fraction)))
+            # more than all of a gap cannot be closed; what lies above is noise of the ratio
+            interval = (float(min(low, fraction)), float(max(min(high, 1.0), fraction)))
     return Shrinkage(default, recalibrated, with_effect, floor, fraction, interval)

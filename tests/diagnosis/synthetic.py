@@ -60,5 +60,5 @@ def made_up_null(num_features: int = 40, num_parameters: int = 3, seed: int = 4)
     prior = np.full(num_parameters, 1.5)
     cells = tuple(Cell("closed_loop", f"measure_{k % 8}", f"regime {k}") for k in range(num_features))
     covariance = noise + (slope * prior**2) @ slope.T
-    return NullModel(cells, np.linspace(-1.0, 2.0, num_features), np.linspace(0.5, 2.0, num_features), covariance, noise,
-                     slope, prior)  # fmt: skip
+    mean, deviation = np.linspace(-1.0, 2.0, num_features), np.linspace(0.5, 2.0, num_features)
+    return NullModel(cells, mean, deviation, covariance, noise, slope, prior)
