@@ -19,7 +19,10 @@ from jaxcalib.problem import CalibrationProblem
 from surrogate.effects.registry import EFFECTS, effect_named
 
 FEW_DRIVES = 3
+FAR_STEPS = 3.0  # beyond them a linear shift of parameters is no longer to be trusted
 OTHER = "everything else"
+HOW_FAR = ("gap_default", "gap_recalibrated", "gap_with_effect", "noise_floor", "fraction_closed",
+           "fraction_closed_ci90")  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -89,6 +92,43 @@ def conclude(findings: Findings) -> Diagnosis:
     )
 
 
+def refuse(
+    problem: CalibrationProblem,
+    values: np.ndarray,
+    reason: str,
+    runs: Mapping[str, int],
+    wall_s: Mapping[str, float],
+) -> Diagnosis:
+    """Return the diagnosis of drives that show too little.
+
+    Args:
+        problem: the problem.
+        values: calibrated values.
+        reason: what is lacking.
+        runs: numbers of runs.
+        wall_s: time of each part.
+    """
+    names = problem.layout.names
+    return Diagnosis(
+        verdict="not_testable",
+        effects=(),
+        reason=f"The drives show too little: {reason}.",
+        ranking=[Ranked(NONE, 1.0), *(Ranked(effect.name, 0.0) for effect in EFFECTS), Ranked(UNKNOWN, 0.0)],
+        where=[],
+        how_far=dict.fromkeys(HOW_FAR),
+        undetectable_below=dict.fromkeys(effect.name for effect in EFFECTS),
+        visible_with_three_more_drives={},
+        parameters={
+            "scenario": dict(zip(names, problem.template.base_values().tolist(), strict=True)),
+            "calibrated": dict(zip(names, values.tolist(), strict=True)),
+        },
+        not_testable={effect.name: reason for effect in EFFECTS},
+        warnings=list(problem.warnings()),
+        runs=runs,
+        wall_s=wall_s,
+    )
+
+
 def _ranking(findings: Findings, verdict: Verdict) -> list[Ranked]:
     probability = verdict.probability
     none = next(one.log_evidence for one in findings.explained if one.name == NONE)
@@ -147,11 +187,9 @@ def _where(ledger: Sequence[LedgerEntry], length_m: float) -> list[WhereEntry]:
 
 
 def _how_far(findings: Findings, verdict: Verdict) -> dict[str, Any]:
-    names = ("gap_default", "gap_recalibrated", "gap_with_effect", "noise_floor", "fraction_closed",
-             "fraction_closed_ci90")  # fmt: skip
     held_out, fitted = findings.held_out, findings.fitted
     if held_out is None:
-        return dict.fromkeys(names) | {"reason": "no drive is held out"}
+        return dict.fromkeys(HOW_FAR) | {"reason": "no drive is held out, or too little of it is seen"}
     baseline = parameter_shift(fitted.difference, fitted.null)
     best = next((one for one in findings.explained if verdict.effects and one.name == verdict.effects[0]), None)
     shift, steps = None, baseline
@@ -176,7 +214,7 @@ def _how_far(findings: Findings, verdict: Verdict) -> dict[str, Any]:
         found.fraction_closed,
         found.interval_90,
     )
-    return dict(zip(names, values, strict=True)) | {"effect": best.name if best else None}
+    return dict(zip(HOW_FAR, values, strict=True)) | {"effect": best.name if best else None}
 
 
 def _not_testable(findings: Findings) -> dict[str, str]:
@@ -201,6 +239,13 @@ def _warnings(findings: Findings) -> list[str]:
         warnings.append(
             f"case.toml: {num_drives} drives to fit; effects at one place, at one time and in memory look alike on so "
             "few, so the answer is a set."
+        )
+    shift = parameter_shift(findings.fitted.difference, findings.fitted.null)
+    far = [name for name, one in zip(findings.problem.layout.names, shift, strict=True) if abs(one) > FAR_STEPS]
+    if far:
+        warnings.append(
+            f"the recalibration had not converged, or an effect bends it: {', '.join(far)} would move farther on all "
+            "features; slopes may be too coarse there."
         )
     if findings.held_out is None:
         warnings.append("case.toml: no drive is held out; how far the gap shrinks is not told.")

@@ -10,7 +10,7 @@ from surrogate.perception import PerceptionFrame
 
 NUM_SUBJECT_VALUES = 4
 SPEED_STEP_MPS = 0.0025  # what is kept of speeds and places: finer than what logs hold
-PLACE_STEP_M = 0.01
+PLACE_STEP_M = 0.02
 SUBJECT_BIT, SEEN_BIT, LANE_SHIFT = 1, 2, 2
 LATERAL_STEP_M = 0.02
 

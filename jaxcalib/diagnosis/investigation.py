@@ -31,7 +31,12 @@ from jaxcalib.diagnosis.ramp_inflow import explain_ramps
 from jaxcalib.problem import CalibrationProblem
 from surrogate.effects.registry import effect_named
 
+FEWEST_FEATURES = 20
 PRIOR_STEPS = 1.5  # shift that a calibration leaves, in steps of `atlas.STEPS`
+
+
+class NotTestableError(RuntimeError):
+    """The drives show too little to judge anything by."""
 
 
 @dataclass(frozen=True)
@@ -61,8 +66,13 @@ def prepare(
         drives: tallies of the drives.
         runs: SUMO runs with the calibrated values.
         trials: trials of the parameters.
+
+    Raises:
+        NotTestableError: too few features are observed.
     """
     cells = observed_cells(drives, runs.plain)
+    if len(cells) < FEWEST_FEATURES:
+        raise NotTestableError(f"{len(cells)} features are observed often enough; {FEWEST_FEATURES} are needed")
     seen = on_cells(drives, cells)
     slopes = slopes_of(problem.layout, trials, cells)
     null = null_model(

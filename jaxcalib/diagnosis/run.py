@@ -1,5 +1,6 @@
 """One call diagnoses a case: recalibrate, see what chance and each effect would do, judge the field by it."""
 
+import contextlib
 import os
 import tempfile
 import time
@@ -12,13 +13,20 @@ import numpy as np
 from jaxcalib.calibration.budget import plan_budget
 from jaxcalib.diagnosis.answer import Diagnosis
 from jaxcalib.diagnosis.atlas import atlas_of, effect_trials, parameter_trials
-from jaxcalib.diagnosis.conclusion import Findings, conclude
+from jaxcalib.diagnosis.conclusion import Findings, conclude, refuse
 from jaxcalib.diagnosis.conventions import conventions_of, expected_drivers
 from jaxcalib.diagnosis.drive_features import COARSE_S, DriveFeatures
 from jaxcalib.diagnosis.drive_table import drive_table
 from jaxcalib.diagnosis.features import DriveTallies, gather_tallies
 from jaxcalib.diagnosis.frame_recorder import FrameRecorder
-from jaxcalib.diagnosis.investigation import all_signatures, best_gain, explanations, least_gain, prepare
+from jaxcalib.diagnosis.investigation import (
+    NotTestableError,
+    all_signatures,
+    best_gain,
+    explanations,
+    least_gain,
+    prepare,
+)
 from jaxcalib.diagnosis.local_search import windows_of_effects
 from jaxcalib.diagnosis.null_runs import NullRuns, alterations_of, fine_interval_s, run_null
 from jaxcalib.diagnosis.plan import plan_diagnosis
@@ -156,7 +164,16 @@ def _diagnose(
         departs = [drive.depart_s for drive in problem.case.drives]
         field = gather_tallies([features.of_table(table) for table in frames], departs)
         is_fit = np.asarray([drive.role == "fit" for drive in problem.drives])
-        fitted = prepare(problem, field.take(is_fit), runs, found)
+        try:
+            fitted = prepare(problem, field.take(is_fit), runs, found)
+        except NotTestableError as error:
+            num_sumo = len(searched.confirmation.outcomes) + len(runs.plain) + len(default)
+            num_surrogate = searched.surrogate.num_runs + sum(len(tallies) for tallies in found.values())
+            wall_s = stopwatch.wall_s | {"total": journal.clock() - began}
+            counts = {"surrogate": num_surrogate, "sumo": num_sumo}
+            diagnosis = refuse(problem, values, str(error), counts, wall_s)
+            run_folder.write_text("diagnosis.json", diagnosis.to_json())
+            return diagnosis
         windows, num_places = windows_of_effects(fitted.difference, fitted.null, features.road)
         local = [one for one in effect_trials(values, plan.local_runs, windows) if one.window is not None]
         found |= stages.tallies(
@@ -168,7 +185,10 @@ def _diagnose(
         gain = best_gain(explained)
         if gain > LEAST_EVIDENCE and is_fit.sum() > 1:
             gain = min(gain, least_gain(problem, values, fitted, runs, found, signatures, num_places))
-        held_out = prepare(problem, field.take(~is_fit), runs, found) if not is_fit.all() else None
+        held_out = None
+        if not is_fit.all():
+            with contextlib.suppress(NotTestableError):
+                held_out = prepare(problem, field.take(~is_fit), runs, found)
 
     num_surrogate = searched.surrogate.num_runs + sum(len(tallies) for tallies in found.values())
     num_sumo = len(searched.confirmation.outcomes) + len(runs.plain) + len(default)

@@ -1,7 +1,7 @@
 """How far the gap shrinks, on drives that nothing was fitted to or chosen by.
 
-The gap is the mean over features of the squared difference between drives and simulation in units of noise: 1 is about
-what chance alone makes. A single feature counts at most CAP, so that none of them is the whole answer.
+The gap is the mean over features of the squared difference between drives and simulation in units of noise. A single
+feature counts at most CAP, so that none of them is the whole answer. The floor is the gap of sets of null runs.
 """
 
 from dataclasses import dataclass

@@ -17,7 +17,7 @@ def summary(diagnosis: Diagnosis, out: Path) -> str:
         lines.append(f"{one.effect:26s}{one.probability:12.2f}{strength}")
     far = diagnosis.how_far
     if far.get("gap_recalibrated") is not None:
-        lines += ["", "gap on held-out drives (1 is about chance): "
+        lines += ["", "gap on held-out drives, in noise: "
                   f"scenario as it is {far['gap_default']:.2f}, recalibrated {far['gap_recalibrated']:.2f}, "
                   f"with the effect {far['gap_with_effect']:.2f}, chance alone {far['noise_floor']:.2f}"]  # fmt: skip
     return "\n".join(
