@@ -19,6 +19,8 @@ from jaxcalib.diagnosis.features import Cell
 from jaxcalib.diagnosis.noise import NullModel
 
 SIGNATURE_ERROR = 0.5  # of a signature's size in a feature; see docs/diagnosis.md for how it was measured
+ERRORS_ALIKE = 0.5  # share of a signature's error that is alike in features whose noise is alike
+MOST_STRENGTH = 1.15  # of strong; beyond it a signature is not extrapolated
 # Explanations and strengths are told apart by the shape of signatures that a surrogate made; its errors are alike in
 # neighbouring features, which the model counts as independent. So differences between them count for less than they
 # seem.
@@ -123,14 +125,19 @@ def explain(
         medium: its medium strength, on whose scale strengths are equally likely.
         num_places: how many places and times were looked at to find the signatures' ones: looking costs.
     """
+    deviation = np.sqrt(np.diag(null.noise))
+    alike = ERRORS_ALIKE * null.noise / np.outer(deviation, deviation) + (1.0 - ERRORS_ALIKE) * np.eye(len(deviation))
     values, squares, strengths, places = [], [], [], []
     shifts = []
     for place, signature in enumerate(signatures):
         tried = FIXED_STRENGTHS * signature.strengths[-1] if signature.is_fixed else np.asarray(STRENGTHS) * medium
+        if not signature.is_fixed:
+            tried = tried[tried <= MOST_STRENGTH * max(signature.strengths[-1], medium)]
         for strength in tried:
             shift, error = signature.at(strength)
-            extra = (SIGNATURE_ERROR * signature.exactness * shift) ** 2 + error**2
-            value, square = log_density(difference - shift, null.covariance + np.diag(extra))
+            wrong = SIGNATURE_ERROR * signature.exactness * shift
+            covariance = null.covariance + np.outer(wrong, wrong) * alike + np.diag(error**2)
+            value, square = log_density(difference - shift, covariance)
             values.append(value - np.log(len(tried)))
             squares.append(square)
             strengths.append(signature.sign * (signature.strengths[-1] if signature.is_fixed else strength))

@@ -12,7 +12,7 @@ PRIOR_NONE, PRIOR_UNKNOWN = 0.5, 0.1
 # It must stay when the drive that favours it most is left out. How often null runs reach it: docs/diagnosis.md.
 LEAST_EVIDENCE = 5.0
 LEAST_WITHOUT_ONE = 4.0  # the same without the drive that favours it most
-ALONE = 0.7
+ALONE = 0.8  # no more than one in five effects named alone may be a wrong one
 IN_SET = 0.9
 LARGEST_SET = 3
 MISCALIBRATED_ERRORS = 3.0
