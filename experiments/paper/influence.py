@@ -23,9 +23,9 @@ from jaxcalib.calibration.evaluator import Evaluator
 from jaxcalib.calibration.evidence import evidence_of
 from jaxcalib.calibration.objective_choice import choose_objective
 from jaxcalib.calibration.screening import smallest_array
-from jaxcalib.calibration.search_box import search_box
+from jaxcalib.calibration.search_box import half_width_of, search_box
 from jaxcalib.calibration.search_run import SearchRun
-from jaxcalib.calibration.two_stage import KNOWN_WIDTHS, LEAST_HALF_WIDTH, NOISE_OFFSET, UNKNOWN_HALF_WIDTH
+from jaxcalib.calibration.two_stage import NOISE_OFFSET
 from jaxcalib.engines import prepare_devices, surrogate_engine
 from jaxcalib.initial_values.initial_point import find_initial_point
 from jaxcalib.journal import JournaledSurrogate
@@ -72,9 +72,8 @@ def run_influence(plan: InfluencePlan) -> str:
         engine = JournaledSurrogate(surrogate_engine(problem), folder.journal)
         evaluator = Evaluator(engine, problem.departs_s("fit"), plan.seed * SEEDS_PER_CALIBRATION)
         space, start = initial.space, initial.space.unit_of(initial.values)
-        half_width = np.where(np.isfinite(initial.unit_error), KNOWN_WIDTHS * initial.unit_error, UNKNOWN_HALF_WIDTH)
         drivers = range(problem.layout.num_inputs, len(space.names))
-        box = search_box(start, drivers, np.clip(half_width, LEAST_HALF_WIDTH, 0.5))
+        box = search_box(start, drivers, half_width_of(initial.unit_error))
         noise = evaluator.evaluate(space.values_of(start[None]), evaluator.rounds_of(NOISE_RUNS), NOISE_OFFSET)
         runs = noise.tally[0]
         objective = choose_objective(problem, plan.settings, evidence_of(initial), runs[np.isfinite(runs).all(axis=1)])
