@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import NullLocator
 
 from jaxcalib.report.drawing import STYLE
 
@@ -42,6 +43,10 @@ def draw_courses(summary: pd.DataFrame, budget: str, file: Path) -> None:
         axes.set_title(problem)
         axes.set_yscale("log")
         axes.set_xscale("log")
+        if budget == "simulations":
+            ticks = sorted(set(chosen["num_evaluated"].astype(int)))
+            axes.set_xticks(ticks, [str(tick) for tick in ticks])
+            axes.xaxis.set_minor_locator(NullLocator())
         axes.set_xlabel("candidates evaluated" if budget == "simulations" else "optimiser and simulations [s]")
         axes.set_ylabel("error (median; bar: 95 % interval)")
 
