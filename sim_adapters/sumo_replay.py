@@ -37,6 +37,8 @@ class SumoReplay:
         self._sumo, self._log, self._vehicle, self._step_s = libsumo, log, vehicle, step_s
         self._lane_place = lane_place
         self._lanes: list[tuple[int, float, float, str]] = []
+        # then a change that SUMO is told would come late: the log shows it half way
+        self._changes_take_time = float(libsumo.simulation.getOption("lanechange.duration")) > step_s
 
     def enters(self, step: int) -> bool:
         """Put the vehicle where its log begins, whoever is there, if it has departed but SUMO finds no room for it."""
@@ -60,7 +62,8 @@ class SumoReplay:
         if place is None:
             return False
         here_m = place[1] + vehicles.getLanePosition(self._vehicle)
-        if abs(here_m - before_m) > LARGEST_MISS_M and self._put(row, before_m):
+        is_elsewhere = abs(here_m - before_m) > LARGEST_MISS_M or (self._changes_take_time and row != place[0])
+        if is_elsewhere and self._put(row, before_m):
             here_m = before_m
         elif row != place[0]:
             direction = 1 if row > place[0] else -1

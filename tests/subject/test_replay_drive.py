@@ -87,7 +87,15 @@ def test_an_overlap_is_counted_ahead_and_behind_in_the_own_lane(other_m: float, 
 @pytest.fixture(scope="module")
 def problem(tmp_path_factory: pytest.TempPathFactory) -> CalibrationProblem:
     """The corridor with one of its drives, replayed."""
-    folder = Path(shutil.copytree(CASE, tmp_path_factory.mktemp("case") / "corridor"))
+    return replayed_case(tmp_path_factory.mktemp("case"), 0.0)
+
+
+def replayed_case(place: Path, duration_s: float) -> CalibrationProblem:
+    folder = Path(shutil.copytree(CASE, place / "corridor"))
+    config = folder / "scenario/scenario.sumocfg"
+    duration = f'<processing><lanechange.duration value="{duration_s:g}"/>'
+    assert "<processing>" in config.read_text()
+    config.write_text(config.read_text().replace("<processing>", duration))
     text = re.sub(r"(vehicle\s*= \"ego\")", r'\1\nmodel = "replay"', (folder / "case.toml").read_text())
     head, *drives = re.split(r"(?=\[\[drive\]\])", text)
     (folder / "case.toml").write_text(head + drives[1])
@@ -174,8 +182,9 @@ def test_traffic_that_it_runs_into_is_counted_and_the_order_of_all_others_holds(
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("demand", [1.0, 2.5])  # the latter leaves no room at the entrance for minutes
-def test_sumo_repeats_the_log(problem: CalibrationProblem, demand: float) -> None:
+@pytest.mark.parametrize(("demand", "duration_s"), [(1.0, 3.0), (2.5, 0.0)])  # 2.5 leaves no room to enter for minutes
+def test_sumo_repeats_the_log(demand: float, duration_s: float, tmp_path: Path) -> None:
+    problem = replayed_case(tmp_path, duration_s)
     log = logged(problem)
     values = problem.template.base_values()
     values[: problem.layout.num_inputs] *= demand
