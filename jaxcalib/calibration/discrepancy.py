@@ -1,10 +1,12 @@
 """What the surrogate's moments lack against SUMO's, learnt from the SUMO runs that were made to confirm candidates."""
 
+import warnings
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
+from sklearn.exceptions import ConvergenceWarning
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel
 
@@ -85,5 +87,7 @@ def learn_discrepancy(
         normalize_y=False,
         random_state=0,
     )
-    process.fit(np.stack([one.unit for one in confirmed]), difference)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ConvergenceWarning)  # an amplitude at its bound is what the bound is for
+        process.fit(np.stack([one.unit for one in confirmed]), difference)
     return LearntDiscrepancy(process, deviation, confirmed[-1].unit)
