@@ -276,7 +276,7 @@ def usual_runs_per_device(capacity: int) -> int:
 
 
 def _outcome(request: RunRequest, record: RunRecord, wall_s: float) -> RunOutcome:
-    num_overlaps = 0 if record.num_subject_overlaps is None else int(record.num_subject_overlaps)
+    num_overlaps = int(record.num_subject_overlaps)
     status = Status.OK
     if int(record.num_lost):
         status = Status.OVERFULL

@@ -48,8 +48,7 @@ class RunRecord(eqx.Module):
         num_on_road: most vehicles on the road at once, sampled at each block's end.
         num_vehicle_steps: vehicles on the road, summed over steps; counted at the ends of blocks.
         num_collisions: vehicle steps with overlapping vehicles.
-        num_subject_overlaps: steps in which a replayed subject vehicle overlaps another vehicle; None where none is
-            replayed.
+        num_subject_overlaps: steps in which a replayed subject vehicle overlaps another vehicle.
         num_lost: newcomers that found the arrays full; a run with any is not valid.
         num_lane_changes: lane changes on the whole road by reason.
         subject_entered: whether the subject vehicle found its way onto the road.
@@ -63,7 +62,7 @@ class RunRecord(eqx.Module):
     num_on_road: Int[Array, ""]
     num_vehicle_steps: Int[Array, ""]
     num_collisions: Int[Array, ""]
-    num_subject_overlaps: Int[Array, ""] | None
+    num_subject_overlaps: Int[Array, ""]
     num_lost: Int[Array, ""]
     num_lane_changes: Int[Array, " reason"]
     subject_entered: Bool[Array, ""]
@@ -216,6 +215,7 @@ def observe_batch(
 
 def _record(states: TrafficState, num_on_road: Int[Array, " run"], num_vehicle_steps: Int[Array, " run"]) -> RunRecord:
     """Return what is known of runs by now; what they observed is filled in at the end."""
+    overlaps = states.num_subject_overlaps
     return RunRecord(
         observed=jnp.zeros_like(states.step),
         num_arrived=states.num_arrived,
@@ -223,7 +223,7 @@ def _record(states: TrafficState, num_on_road: Int[Array, " run"], num_vehicle_s
         num_on_road=jnp.maximum(num_on_road, _num_on_road(states)),
         num_vehicle_steps=num_vehicle_steps,
         num_collisions=states.num_collisions,
-        num_subject_overlaps=states.num_subject_overlaps,
+        num_subject_overlaps=jnp.zeros_like(states.step) if overlaps is None else overlaps,
         num_lost=states.num_lost,
         num_lane_changes=states.num_lane_changes,
         subject_entered=states.subject_inserted,

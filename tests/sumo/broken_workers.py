@@ -38,6 +38,7 @@ def short_run(job: SumoJob) -> SumoRun:
         num_teleports=0,
         num_vehicle_steps=4,
         wall_s=0.0,
+        passed_s={},
     )
 
 
