@@ -12,7 +12,7 @@ from sim_adapters.sumo_simulator import FrameFold, SensorRange, SumoSimulator, V
 from sim_adapters.units import METRES_PER_KILOMETRE
 from surrogate.perception import Sensor
 from surrogate.simulate import RunPlan
-from surrogate.step import Clock
+from surrogate.world import Clock
 
 DECISION_INTERVAL_S = (
     1.0  # twice as fast as 0.5 s, and the discrepancy from SUMO is learnt anyway; see docs/surrogate.md

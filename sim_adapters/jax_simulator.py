@@ -19,7 +19,7 @@ from surrogate.effects.settings import Effects, settings_table
 from surrogate.materialise import COMPILER_OPTIONS
 from surrogate.perception import Sensor
 from surrogate.simulate import Observer, RunPlan, RunRecord, observe_batch
-from surrogate.step import Clock
+from surrogate.world import Clock
 
 VEHICLES_PER_DEVICE = 16384  # places of all runs of a device together: their arrays fit into a core's cache
 LEAST_RUNS_PER_DEVICE, MOST_RUNS_PER_DEVICE = 4, 16

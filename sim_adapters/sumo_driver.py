@@ -26,11 +26,12 @@ from surrogate.lane_change.base import STAY
 from surrogate.lane_change.surroundings import Place
 from surrogate.neighbours import own_leader
 from surrogate.road import Road
-from surrogate.step import Clock, look_up_lane
+from surrogate.step import look_up_lane
 from surrogate.subject.planner import Planner, plan
 from surrogate.subject.view import look_around
 from surrogate.traffic_state import VehicleArrays, with_changes
 from surrogate.vehicle_class import VehicleClass
+from surrogate.world import Clock
 
 ONLY_WHAT_IS_TOLD = 256  # SUMO's lane-change mode: no changes of its own, and none into a vehicle
 

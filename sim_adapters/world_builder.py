@@ -18,11 +18,11 @@ from surrogate.effects.apply import NUM_CLASSES_OF_EFFECTS, classes_with_effects
 from surrogate.effects.settings import Effects
 from surrogate.inflow import Inflow, SubjectPlan
 from surrogate.road import Road
-from surrogate.step import World
 from surrogate.subject.planner import Planner
 from surrogate.subject.registry import REPLAY, SubjectModel
 from surrogate.subject.replay import Replay
 from surrogate.vehicle_class import VehicleClass
+from surrogate.world import World
 
 SMALLEST_FLOW_VEHPS = 1e-9
 

@@ -12,10 +12,12 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from surrogate.effects.apply import appeared, sensed, start_of_sensing
+from surrogate.moving import move_on
 from surrogate.perception import PerceptionFrame, Sensor, blank_frame, perceive
-from surrogate.step import Clock, World, initial_state, move_on, settle_lanes
+from surrogate.step import initial_state, settle_lanes
 from surrogate.tiles import tiles_for
 from surrogate.traffic_state import TrafficState
+from surrogate.world import Clock, World
 
 ObserverState = Any
 

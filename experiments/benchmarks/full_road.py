@@ -18,8 +18,9 @@ from surrogate.materialise import COMPILER_OPTIONS
 from surrogate.perception import Sensor
 from surrogate.road import Road
 from surrogate.simulate import RunPlan, RunRecord, observe_batch
-from surrogate.step import Clock, initial_state
+from surrogate.step import initial_state
 from surrogate.traffic_state import TrafficState, with_changes
+from surrogate.world import Clock
 
 SPACING_M = 40.0  # 25 veh/km and lane: dense but free
 SPEED_MPS = 22.0

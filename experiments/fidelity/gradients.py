@@ -24,7 +24,7 @@ from jaxcalib.problem import FRAME_INTERVAL_S, CalibrationProblem, read_problem
 from surrogate.materialise import COMPILER_OPTIONS
 from surrogate.perception import Sensor
 from surrogate.simulate import RunPlan, observe_batch
-from surrogate.step import Clock
+from surrogate.world import Clock
 
 RUNS_PER_BATCH = 16
 DEPART_S, DRIVE_S = 151.0, 250.0  # the road is filled as far as the subject vehicle by then

@@ -50,7 +50,7 @@ from jaxcalib.settings import Settings
 from sim_adapters.jax_simulator import JaxSimulator
 from surrogate.effects.registry import EFFECTS
 from surrogate.perception import Sensor
-from surrogate.step import Clock
+from surrogate.world import Clock
 
 RECALIBRATION_SCALE = 0.5  # of the calibration's numbers of runs; the last step is taken on all features anyway
 NULL_SEED, DEFAULT_SEED, TRIAL_SEED = 600_000, 700_000, 800_000

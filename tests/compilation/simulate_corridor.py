@@ -19,7 +19,7 @@ from sim_adapters.interface import RunRequest  # noqa: E402
 from sim_adapters.jax_simulator import JaxSimulator  # noqa: E402
 from sim_adapters.program_store import program_store  # noqa: E402
 from surrogate.perception import Sensor  # noqa: E402
-from surrogate.step import Clock  # noqa: E402
+from surrogate.world import Clock  # noqa: E402
 
 CASE = Path(__file__).parents[2] / "experiments" / "cases" / "corridor"
 DEPART_S, END_S = 31.0, 70.0

@@ -14,7 +14,7 @@ from sim_adapters import program_store
 from sim_adapters.processor import processor
 from sim_adapters.program_store import ProgramStore, compile_afresh
 from surrogate.perception import Sensor
-from surrogate.step import Clock
+from surrogate.world import Clock
 
 CLOCK = Clock(step_s=0.1, steps_per_decision=10)
 SHAPES = (jax.ShapeDtypeStruct((3,), jnp.float32),)

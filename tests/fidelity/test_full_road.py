@@ -11,7 +11,7 @@ from sim_adapters.interface import ParameterLayout
 from sim_adapters.scenario import read_scenario
 from sim_adapters.world_builder import WorldTemplate, build_template
 from surrogate.simulate import RunPlan
-from surrogate.step import Clock
+from surrogate.world import Clock
 
 FOLDER = Path(__file__).parents[2] / "experiments/cases/corridor"
 

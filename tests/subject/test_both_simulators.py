@@ -20,10 +20,12 @@ from sim_adapters.sumo_surroundings import Surroundings, vehicle_arrays
 from sim_adapters.sumo_worker import SumoRun
 from sim_adapters.world_builder import WorldTemplate, build_template
 from surrogate.lane_change.surroundings import Place
+from surrogate.moving import move_on
 from surrogate.simulate import RunPlan
-from surrogate.step import Clock, World, initial_state, look_up_lane, move_on, settle_lanes
+from surrogate.step import initial_state, look_up_lane, settle_lanes
 from surrogate.subject.registry import SubjectModel
 from surrogate.traffic_state import TrafficState, with_changes
+from surrogate.world import Clock, World
 
 pytestmark = pytest.mark.long
 

@@ -19,10 +19,12 @@ from surrogate.effects.registry import EFFECTS
 from surrogate.effects.settings import Effects, settings_table
 from surrogate.inflow import subject_identity
 from surrogate.lane_change.base import STAY
-from surrogate.step import Clock, World, initial_state, move_on, settle_lanes
+from surrogate.moving import move_on
+from surrogate.step import initial_state, settle_lanes
 from surrogate.subject.following import SubjectFollowing
 from surrogate.subject.registry import SubjectModel
 from surrogate.traffic_state import TrafficState, with_changes
+from surrogate.world import Clock, World
 
 CASE = Path(__file__).resolve().parents[2] / "experiments/cases/corridor"
 LAYOUT = ParameterLayout(("main",), (("f_main_o1", "f_main_e"),), ("car",), ("tau",))

@@ -16,11 +16,13 @@ from sim_adapters.logged_drive import LoggedDrive, choose, replay_of, resample
 from surrogate.effects.base import EffectSetting
 from surrogate.effects.registry import EFFECTS
 from surrogate.effects.settings import Effects, settings_table
+from surrogate.moving import move_on
 from surrogate.perception import Sensor, perceive
 from surrogate.simulate import RunPlan
-from surrogate.step import Clock, World, initial_state, move_on, settle_lanes
+from surrogate.step import initial_state, settle_lanes
 from surrogate.subject.replay import overlaps
 from surrogate.traffic_state import TrafficState, empty_vehicles, with_changes
+from surrogate.world import Clock, World
 
 CASE = Path(__file__).resolve().parents[2] / "experiments/cases/corridor"
 STEP_S = 0.1

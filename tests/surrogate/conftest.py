@@ -10,8 +10,10 @@ import pytest
 from sim_adapters.interface import ParameterLayout
 from sim_adapters.scenario import Scenario, read_scenario
 from sim_adapters.world_builder import WorldTemplate, build_template
-from surrogate.step import Clock, World, initial_state, move_on, settle_lanes
+from surrogate.moving import move_on
+from surrogate.step import initial_state, settle_lanes
 from surrogate.traffic_state import TrafficState
+from surrogate.world import Clock, World
 
 CAPACITY = 288
 CLOCK = Clock(step_s=0.1, steps_per_decision=10)

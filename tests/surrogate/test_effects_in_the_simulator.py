@@ -14,7 +14,7 @@ from sim_adapters.world_builder import WorldTemplate
 from surrogate.effects.base import ActsOn, EffectSetting
 from surrogate.effects.registry import EFFECT_NAMES, EFFECTS
 from surrogate.perception import PerceptionFrame, Sensor
-from surrogate.step import Clock
+from surrogate.world import Clock
 
 pytestmark = pytest.mark.long
 

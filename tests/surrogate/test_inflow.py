@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from surrogate.inflow import ENTRANCE_STRIDE, arrive
-from surrogate.step import World, initial_state
+from surrogate.step import initial_state
 from surrogate.traffic_state import TrafficState
+from surrogate.world import World
 
 NEVER_S = 1e6
 INTERVAL_S = 1.0

@@ -12,7 +12,7 @@ from sim_adapters.interface import RunOutcome, RunRequest, Status
 from sim_adapters.jax_simulator import JaxSimulator
 from sim_adapters.world_builder import WorldTemplate
 from surrogate.perception import PerceptionFrame, Sensor
-from surrogate.step import Clock
+from surrogate.world import Clock
 
 pytestmark = pytest.mark.long
 

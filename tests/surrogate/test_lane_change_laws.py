@@ -16,8 +16,8 @@ from surrogate.lane_change.decide import decide
 from surrogate.lane_change.registry import LANE_CHANGE_MODELS, lane_change_model
 from surrogate.lane_change.surroundings import Place
 from surrogate.model_entry import ModelEntry, ParameterRangeError, UnknownModelError
-from surrogate.step import World
 from surrogate.traffic_state import TrafficState
+from surrogate.world import World
 
 LENGTH_M = 4.8  # of all vehicles of the corridor
 NUM_DECISIONS = 240

@@ -9,8 +9,10 @@ import pytest
 
 from surrogate.lane_change.base import STAY
 from surrogate.lane_change.manoeuvre import ChangeTiming, change_timing
-from surrogate.step import Clock, World, initial_state, move_on, settle_lanes
+from surrogate.moving import move_on
+from surrogate.step import initial_state, settle_lanes
 from surrogate.traffic_state import TrafficState
+from surrogate.world import Clock, World
 
 LENGTH_M = 4.8  # of all vehicles of the corridor
 CAPACITY = 288

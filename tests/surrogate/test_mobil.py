@@ -16,9 +16,10 @@ from surrogate.lane_change.decide import decide
 from surrogate.lane_change.lc2013 import Lc2013
 from surrogate.lane_change.mobil import Appraisal, Mobil, appraise
 from surrogate.lane_change.surroundings import Place, following_of
-from surrogate.step import World, initial_state
+from surrogate.step import initial_state
 from surrogate.traffic_state import TrafficState
 from surrogate.vehicle_class import VehicleClass
+from surrogate.world import World
 
 STEP_S = 0.1
 S0, T, A, B, LENGTH = 2.0, 1.5, 1.4, 2.0, 4.6

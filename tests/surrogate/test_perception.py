@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from surrogate.perception import NO_TRACK, PerceptionFrame, Sensor, perceive
-from surrogate.step import World
 from surrogate.traffic_state import TrafficState
+from surrogate.world import World
 
 AHEAD_M, BEHIND_M = 130.0, 85.0
 SUBJECT_CLASS = 1

@@ -8,9 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from surrogate import tiles
-from surrogate.step import World, move_on, settle_lanes
+from surrogate.moving import move_on
+from surrogate.step import settle_lanes
 from surrogate.tiles import Chosen, Tile, all_tiles, for_each_tile, over_tiles, tiles_for
 from surrogate.traffic_state import TrafficState
+from surrogate.world import World
 from tests.surrogate.conftest import CLOCK
 
 LENGTHS = st.integers(1, 700)

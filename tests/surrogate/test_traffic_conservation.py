@@ -8,8 +8,8 @@ import pytest
 
 from sim_adapters.world_builder import WorldTemplate
 from surrogate.inflow import ENTRANCE_STRIDE
-from surrogate.step import World
 from surrogate.traffic_state import EMPTY, HEAD, TrafficState
+from surrogate.world import World
 
 LENGTH_M = 4.8  # of all vehicles of the corridor
 DEPART_S = 42.0

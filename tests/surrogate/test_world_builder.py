@@ -16,7 +16,7 @@ from sim_adapters.interface import ParameterLayout
 from sim_adapters.road_builder import CELL_LENGTH_M
 from sim_adapters.scenario import Scenario
 from sim_adapters.world_builder import WorldTemplate, build_template
-from surrogate.step import World
+from surrogate.world import World
 
 
 @pytest.fixture(scope="module")
