@@ -9,12 +9,6 @@ from cyclopts.validators import Number
 
 from jaxcalib.compilation_cache import keep_compiled_programs
 
-EXIT_CASE_WRONG = 2
-EXIT_SIMULATOR_FAILED = 3
-EXIT_RESOURCE = 4
-EXIT_STOPPED = 130
-LOG_FILE = "simulator.log"
-
 app = App(name="jaxcalib", help="Calibrate SUMO traffic around automated vehicles from their logs.")
 
 
@@ -51,30 +45,17 @@ def calibrate(
     quiet
         Say nothing but errors.
     """
-    from jaxcalib.calibration.evaluator import AllRunsFailedError
-    from jaxcalib.errors import CaseError, shorten
+    from jaxcalib.guarded import guarded
     from jaxcalib.pipeline import calibrate as run
     from jaxcalib.progress import Silent
     from jaxcalib.terminal import TerminalProgress, summary
 
-    progress = Silent() if quiet else TerminalProgress()
-    try:
-        with progress:
+    def work() -> str:
+        with Silent() if quiet else TerminalProgress() as progress:
             result = run(case, out, seed=seed, budget=budget, resume=resume, settings=settings, progress=progress)
-    except CaseError as error:
-        print(f"jaxcalib: {error}", file=sys.stderr)
-        return EXIT_CASE_WRONG
-    except AllRunsFailedError as error:
-        if out.is_dir():
-            (out / LOG_FILE).write_text(error.log_tail + "\n", encoding="utf-8")
-        print(f"jaxcalib: {shorten(str(error), 250)}; see {out / LOG_FILE}.", file=sys.stderr)
-        return EXIT_SIMULATOR_FAILED
-    except KeyboardInterrupt:
-        print(f"jaxcalib: stopped; go on with: jaxcalib calibrate {case} --out {out} --resume", file=sys.stderr)
-        return EXIT_STOPPED
-    if not quiet:
-        print(summary(result, out))
-    return 0
+        return "" if quiet else summary(result, out)
+
+    return guarded(work, f"go on with: jaxcalib calibrate {case} --out {out} --resume", out)
 
 
 @app.command
@@ -107,31 +88,18 @@ def diagnose(
     quiet
         Say nothing but errors.
     """
-    from jaxcalib.calibration.evaluator import AllRunsFailedError
     from jaxcalib.diagnosis.run import diagnose as run
     from jaxcalib.diagnosis.summary import summary
-    from jaxcalib.errors import CaseError, shorten
+    from jaxcalib.guarded import guarded
     from jaxcalib.progress import Silent
     from jaxcalib.terminal import TerminalProgress
 
-    progress = Silent() if quiet else TerminalProgress()
-    try:
-        with progress:
+    def work() -> str:
+        with Silent() if quiet else TerminalProgress() as progress:
             found = run(case, out, seed=seed, budget=budget, resume=resume, progress=progress)
-    except CaseError as error:
-        print(f"jaxcalib: {error}", file=sys.stderr)
-        return EXIT_CASE_WRONG
-    except AllRunsFailedError as error:
-        if out.is_dir():
-            (out / LOG_FILE).write_text(error.log_tail + "\n", encoding="utf-8")
-        print(f"jaxcalib: {shorten(str(error), 250)}; see {out / LOG_FILE}.", file=sys.stderr)
-        return EXIT_SIMULATOR_FAILED
-    except KeyboardInterrupt:
-        print(f"jaxcalib: stopped; go on with: jaxcalib diagnose {case} --out {out} --resume", file=sys.stderr)
-        return 130
-    if not quiet:
-        print(summary(found, out))
-    return 0
+        return "" if quiet else summary(found, out)
+
+    return guarded(work, f"go on with: jaxcalib diagnose {case} --out {out} --resume", out)
 
 
 @app.command
@@ -165,6 +133,7 @@ def fit_following(
         Seed of the starts.
     """
     from jaxcalib.errors import CaseError
+    from jaxcalib.guarded import EXIT_CASE_WRONG
     from jaxcalib.pair_fitting.recorded_pairs import read_pairs
     from jaxcalib.pair_fitting.study import study_pairs
     from jaxcalib.pair_fitting.terminal import pair_progress, print_summary

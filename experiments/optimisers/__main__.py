@@ -21,9 +21,9 @@ from experiments.optimisers.known_functions import FUNCTIONS, NOISE, FunctionPro
 from experiments.optimisers.ranking import all_rank_tables, summary_table
 from experiments.optimisers.registry import OPTIMISERS, chosen_optimisers
 from experiments.optimisers.study_folder import open_study, write_table
-from jaxcalib.calibration.evaluator import AllRunsFailedError
 from jaxcalib.engines import prepare_devices
 from jaxcalib.errors import CaseError
+from jaxcalib.guarded import guarded
 from jaxcalib.problem import read_problem
 from jaxcalib.run_folder import identify
 
@@ -84,14 +84,12 @@ def optimisers(
         Go on with what the folder holds; more seeds, optimisers or functions may be added.
     """
     console = Console(stderr=True)
-    try:
-        return _study(console, case, out, optimiser, seeds, evaluations, batch, wall_s, functions, dimensions, resume)
-    except CaseError as error:
-        console.print(f"error: {error}", style="red", markup=False, soft_wrap=True)
-        return 2
-    except AllRunsFailedError as error:
-        console.print(f"error: {error}", style="red", markup=False, soft_wrap=True)
-        return 3
+
+    def work() -> str:
+        _study(console, case, out, optimiser, seeds, evaluations, batch, wall_s, functions, dimensions, resume)
+        return ""
+
+    return guarded(work, "go on with the same command and --resume", program="experiments.optimisers")
 
 
 def _study(
@@ -106,7 +104,7 @@ def _study(
     functions: bool,
     dimensions: int,
     resume: bool,
-) -> int:
+) -> None:
     chosen = chosen_optimisers(names)
     if case is None and not functions:
         raise CaseError("--no-functions", "", "expected a case; without functions there is nothing to search.")
@@ -140,7 +138,6 @@ def _study(
                 rows += run_course(one.optimiser, OPTIMISERS[one.optimiser], one.problem, one.budget, one.journal)
                 bar.advance(task)
         _write_results(pd.DataFrame(rows), out)
-    return 0
 
 
 def _courses(

@@ -2,6 +2,7 @@
 
 import os
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated
 
@@ -10,9 +11,8 @@ from cyclopts.validators import Number
 
 from experiments.paper.methods import ABLATIONS, IMPROVED, METHODS
 from experiments.paper.patterns import DEMANDS
-from jaxcalib.calibration.evaluator import AllRunsFailedError
-from jaxcalib.cli import EXIT_CASE_WRONG, EXIT_SIMULATOR_FAILED, EXIT_STOPPED
-from jaxcalib.errors import CaseError, shorten
+from jaxcalib.errors import CaseError
+from jaxcalib.guarded import guarded
 from jaxcalib.settings import read_settings
 
 Count = Annotated[int, Parameter(validator=Number(gte=1, lte=100))]
@@ -124,11 +124,11 @@ def influence(
     """
     from experiments.paper.influence import InfluencePlan, run_influence
 
-    def work() -> None:
+    def work() -> str:
         plan = InfluencePlan(
             case, out, trajectories, base_samples, runs_per_candidate, seed, read_settings(settings), _cores()
         )
-        print(run_influence(plan))
+        return run_influence(plan)
 
     return _guarded(work)
 
@@ -144,7 +144,7 @@ def figures(out: Path, /) -> int:
     """
     from experiments.paper.report import write_report
 
-    return _guarded(lambda: print(write_report(out)))
+    return _guarded(lambda: write_report(out))
 
 
 def _study(
@@ -161,7 +161,7 @@ def _study(
     from experiments.paper.study import StudyPlan, run_study
     from jaxcalib.terminal import TerminalProgress
 
-    def work() -> None:
+    def work() -> str:
         for name in methods:
             if name not in known:
                 raise CaseError("command line", "--method", f'expected some of {", ".join(known)}; got "{name}".')
@@ -169,24 +169,13 @@ def _study(
             case, out, methods, range(1, patterns + 1), repetitions, budget, read_settings(settings), _cores()
         )
         run_study(plan, lambda name: TerminalProgress())
-        print(write_report(out))
+        return write_report(out)
 
     return _guarded(work)
 
 
-def _guarded(work) -> int:
-    try:
-        work()
-    except CaseError as error:
-        print(f"experiments.paper: {error}", file=sys.stderr)
-        return EXIT_CASE_WRONG
-    except AllRunsFailedError as error:
-        print(f"experiments.paper: {shorten(str(error), 250)}\n{error.log_tail}", file=sys.stderr)
-        return EXIT_SIMULATOR_FAILED
-    except KeyboardInterrupt:
-        print("experiments.paper: stopped; the same command goes on.", file=sys.stderr)
-        return EXIT_STOPPED
-    return 0
+def _guarded(work: Callable[[], str]) -> int:
+    return guarded(work, "the same command goes on.", program="experiments.paper")
 
 
 def _cores() -> int:

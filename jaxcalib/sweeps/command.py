@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
 
-from jaxcalib.cli import EXIT_CASE_WRONG, EXIT_RESOURCE, EXIT_STOPPED
-from jaxcalib.errors import CaseError, ResourceError
+from jaxcalib.errors import CaseError
+from jaxcalib.guarded import guarded
 from jaxcalib.sweeps.plan import Engine
 from jaxcalib.sweeps.progress import Silent, TerminalSweepProgress
 from jaxcalib.sweeps.sweep import SweepResult, merge_shards, sweep
@@ -37,24 +37,17 @@ class SweepOptions:
 def run_sweep(options: SweepOptions) -> int:
     """Make a sweep and return the exit code."""
     progress = Silent() if options.quiet else TerminalSweepProgress()
-    before = signal.signal(signal.SIGTERM, _stop)  # batch systems send it before they kill
-    try:
+
+    def work() -> str:
         with progress if isinstance(progress, TerminalSweepProgress) else nullcontext():
             result = _made(options, progress)
-    except CaseError as error:
-        print(f"jaxcalib: {error}", file=sys.stderr)
-        return EXIT_CASE_WRONG
-    except ResourceError as error:
-        print(f"jaxcalib: {error}", file=sys.stderr)
-        return EXIT_RESOURCE
-    except KeyboardInterrupt:
-        print(f"jaxcalib: stopped; go on with: {shlex.join(['jaxcalib', *sys.argv[1:]])}", file=sys.stderr)
-        return EXIT_STOPPED
+        return "" if options.quiet else _summary(options, result)
+
+    before = signal.signal(signal.SIGTERM, _stop)  # batch systems send it before they kill
+    try:
+        return guarded(work, f"go on with: {shlex.join(['jaxcalib', *sys.argv[1:]])}")
     finally:
         signal.signal(signal.SIGTERM, before)
-    if not options.quiet:
-        print(_summary(options, result))
-    return 0
 
 
 def _made(options: SweepOptions, progress: Silent | TerminalSweepProgress) -> SweepResult:

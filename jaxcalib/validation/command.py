@@ -1,13 +1,10 @@
 """`jaxcalib validate` as a person meets it: messages and exit codes."""
 
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from jaxcalib.calibration.evaluator import AllRunsFailedError
-from jaxcalib.cli import EXIT_CASE_WRONG, EXIT_RESOURCE, EXIT_SIMULATOR_FAILED, EXIT_STOPPED
-from jaxcalib.errors import CaseError, ResourceError, shorten
+from jaxcalib.guarded import guarded
 from jaxcalib.progress import Silent
 from jaxcalib.terminal import TerminalProgress
 from jaxcalib.validation.result import ValidationResult
@@ -30,30 +27,18 @@ class ValidateOptions:
 
 def run_validation(options: ValidateOptions) -> int:
     """Validate and return the exit code."""
-    progress = Silent() if options.quiet else TerminalProgress()
     folder = options.out or options.run / FOLDER
-    try:
-        with progress:
+
+    def work() -> str:
+        with Silent() if options.quiet else TerminalProgress() as progress:
             result = validate(
                 options.case, options.run, options.out, seeds=options.seeds, drives=options.drives,
                 counts=options.counts, resume=options.resume, progress=progress,
             )  # fmt: skip
-    except CaseError as error:
-        print(f"jaxcalib: {error}", file=sys.stderr)
-        return EXIT_CASE_WRONG
-    except ResourceError as error:
-        print(f"jaxcalib: {error}", file=sys.stderr)
-        return EXIT_RESOURCE
-    except AllRunsFailedError as error:
-        print(f"jaxcalib: {shorten(str(error), 250)}. {shorten(error.log_tail)}", file=sys.stderr)
-        return EXIT_SIMULATOR_FAILED
-    except KeyboardInterrupt:
-        again = f"jaxcalib validate {options.case} {options.run} --seeds {options.seeds} --resume"
-        print(f"jaxcalib: stopped; go on with: {again}", file=sys.stderr)
-        return EXIT_STOPPED
-    if not options.quiet:
-        print(_summary(result, folder))
-    return 0
+        return "" if options.quiet else _summary(result, folder)
+
+    again = f"jaxcalib validate {options.case} {options.run} --seeds {options.seeds} --resume"
+    return guarded(work, f"go on with: {again}", folder)
 
 
 def _summary(result: ValidationResult, folder: Path) -> str:

@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from jaxcalib.cli import EXIT_CASE_WRONG, calibrate
+from jaxcalib.cli import calibrate
+from jaxcalib.guarded import EXIT_CASE_WRONG
 
 CASE = Path(__file__).parents[2] / "experiments" / "cases" / "corridor"
 CONFIG, DEMAND = "scenario/scenario.sumocfg", "scenario/demand.rou.xml"

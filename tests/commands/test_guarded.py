@@ -1,0 +1,55 @@
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from jaxcalib.calibration.evaluator import AllRunsFailedError
+from jaxcalib.errors import CaseError, ResourceError
+from jaxcalib.guarded import LOG_FILE, guarded
+
+GO_ON = "go on with --resume"
+FAILED = AllRunsFailedError("no run succeeded", "Error: the last words.")
+
+
+def raising(error: BaseException) -> Callable[[], str]:
+    def work() -> str:
+        raise error
+
+    return work
+
+
+@pytest.mark.parametrize(
+    ("error", "code", "line"),
+    [
+        (CaseError("case.toml", "drive.role", "expected fit or held_out."), 2, "case.toml: drive.role: expected fit"),
+        (FAILED, 3, "no run succeeded. Error: the last words."),
+        (ResourceError("the disk is full."), 4, "the disk is full."),
+        (KeyboardInterrupt(), 130, f"stopped; {GO_ON}"),
+    ],
+)
+def test_each_kind_of_error_is_one_line_and_a_code(
+    error: BaseException, code: int, line: str, capsys: pytest.CaptureFixture[str]
+):
+    assert guarded(raising(error), GO_ON) == code
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert said.err.startswith(f"jaxcalib: {line}")
+    assert said.err.count("\n") == 1
+
+
+def test_the_simulator_s_last_words_are_kept_where_there_is_a_folder(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    assert guarded(raising(FAILED), GO_ON, tmp_path) == 3
+    assert (tmp_path / LOG_FILE).read_text() == "Error: the last words.\n"
+    assert str(tmp_path / LOG_FILE) in capsys.readouterr().err
+
+
+def test_what_other_errors_say_is_not_hidden():
+    with pytest.raises(ZeroDivisionError):
+        guarded(raising(ZeroDivisionError()), GO_ON)
+
+
+def test_a_command_says_what_its_work_says(capsys: pytest.CaptureFixture[str]):
+    assert (guarded(lambda: "1.7 m", GO_ON), guarded(lambda: "", GO_ON)) == (0, 0)
+    assert capsys.readouterr().out == "1.7 m\n"
