@@ -17,7 +17,7 @@ from surrogate.world import Clock
 DECISION_INTERVAL_S = (
     1.0  # twice as fast as 0.5 s, and the discrepancy from SUMO is learnt anyway; see docs/surrogate.md
 )
-SPARE_CAPACITY = 1.6  # candidates may be denser than the field
+SPARE_CAPACITY = 1.4  # candidates may be denser than the field
 RAMP_VEHICLES = 32
 OBJECTS_PER_ROW = 32
 

@@ -23,7 +23,7 @@ from sim_adapters.world_builder import WorldTemplate
 from surrogate.inflow import subject_identity
 from surrogate.kinematics import move
 from surrogate.lane_change.base import STAY
-from surrogate.lane_change.surroundings import Place
+from surrogate.lane_change.place import Place
 from surrogate.neighbours import own_leader
 from surrogate.road import Road
 from surrogate.step import look_up_lane

@@ -3,6 +3,7 @@
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
+from surrogate.counting import running_count
 from surrogate.materialise import materialise
 from surrogate.neighbours import take
 
@@ -14,7 +15,7 @@ def first_true(mask: Bool[Array, " vehicle"], size: int) -> tuple[Int[Array, " c
         mask: which entries are wanted.
         size: length of the answer; true entries beyond it are left out.
     """
-    count = jnp.cumsum(mask.astype(jnp.int32))
+    count = running_count(mask.astype(jnp.int32))
     number = jnp.arange(size, dtype=jnp.int32)
     # the first entry by which more than `number` have been counted; a few halvings cost less than writing each entry
     index = jnp.zeros((size,), jnp.int32)

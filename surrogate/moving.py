@@ -1,19 +1,27 @@
-"""Moves all vehicles by some steps in which everybody stays in his lane."""
+"""Moves all vehicles by some steps in which everybody stays in his lane.
+
+A vehicle asks about nobody but the two before it, so a tile can make all steps before the next tile makes its first: it
+only leaves behind where its last vehicles were at each step.
+"""
+
+from typing import TypeVar
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from surrogate.kinematics import move
 from surrogate.lane_change.lc2013 import Lc2013
 from surrogate.materialise import materialise
-from surrogate.neighbours import leader_at, own_leader, second_leader
+from surrogate.neighbours import Neighbour, leader_at, nobody, own_leader, second_leader
 from surrogate.subject.replay import Replay, impose, overlaps
-from surrogate.tiles import Tile, all_tiles, for_each_tile
+from surrogate.tiles import Tile, all_tiles, for_each_tile, tile_size
 from surrogate.traffic_state import TrafficState, VehicleArrays, with_changes
 from surrogate.vehicle_class import select_by_class
 from surrogate.world import World
+
+Tree = TypeVar("Tree")
 
 
 def move_on(
@@ -29,53 +37,70 @@ def move_on(
         num_tiles: tiles that hold vehicles, see `surrogate.tiles`; all unless given.
     """
     num_entries = state.vehicles.row.shape[0]
-    num_tiles = all_tiles(num_entries) if num_tiles is None else num_tiles
-    cooperative = []
-    for vehicle_class in world.classes:
-        model = vehicle_class.lane_change
-        cooperative.append(jnp.clip(model.cooperative_speed, 0.0, 1.0) if isinstance(model, Lc2013) else jnp.ones(()))
+    # who looks at leaders anywhere, or is put where a log has him, needs everybody at the same step
+    in_step = state.manoeuvres is not None or isinstance(world.driver, Replay)
+    size = num_entries if in_step else tile_size(num_entries)
+    num_tiles = 1 if in_step else all_tiles(num_entries) if num_tiles is None else num_tiles
+    models = [vehicle_class.lane_change for vehicle_class in world.classes]
+    cooperative = [jnp.clip(m.cooperative_speed, 0.0, 1.0) if isinstance(m, Lc2013) else jnp.ones(()) for m in models]
+    is_one_tile = size == num_entries
 
-    def one_step(_: int, carry: _Progress) -> _Progress:
-        motion, step, num_collisions, num_overlaps = carry
-        vehicles = motion.of(state.vehicles)
-        leader, beside = materialise(own_leader(vehicles)), None
-        if state.manoeuvres is not None:
-            beside = materialise(leader_at(state.manoeuvres.second_leader, vehicles))
-        second = None if world.effects is None else materialise(second_leader(leader))
+    def one_tile(tile: Tile, carry: _Progress) -> _Progress:
+        all_motion, ahead, num_collisions, num_overlaps = carry
+        resting = tile(state.vehicles)
+        cooperative_speed = select_by_class(cooperative, resting.vehicle_class)
 
-        def one_tile(tile: Tile, carry: tuple[_Motion, Array]) -> tuple[_Motion, Array]:
-            motion, num_collisions = carry
-            before = tile(motion)
-            vehicles = before.of(tile(state.vehicles))
-            cooperative_speed = select_by_class(cooperative, vehicles.vehicle_class)
+        def one_step(number: Int[Array, ""], carry: _Progress) -> _Progress:
+            motion, last, num_collisions, num_overlaps = carry
+            vehicles, step = motion.of(resting), state.step + number
+            leader, second, beside = own_leader(vehicles), None, None
+            if not is_one_tile:
+                leader = _where(tile.is_first, ahead.neighbour(number, 1), leader)
+            leader = materialise(leader)
+            if world.effects is not None:
+                second = second_leader(leader)
+                if not is_one_tile:
+                    second = _where(tile.is_first, ahead.neighbour(number, 0), second)
+                second = materialise(second)
+            if state.manoeuvres is not None:
+                beside = materialise(leader_at(state.manoeuvres.second_leader, vehicles))
             after, has_collided = move(
                 vehicles,
-                tile(leader),
+                leader,
                 world.classes,
                 cooperative_speed,
                 world.seed,
                 step,
                 step_s,
                 world.effects,
-                tile(second),
-                tile(beside),
+                second,
+                beside,
             )
-            after = jax.tree.map(lambda new, old: jnp.where(tile.is_new, new, old), _Motion.from_(after), before)
-            return tile.write(motion, after), num_collisions + jnp.sum(has_collided & tile.is_new)
+            if isinstance(world.driver, Replay) and num_overlaps is not None:
+                is_subject = world.is_subject(after)
+                length_m = select_by_class([one.length_m for one in world.classes], after.vehicle_class)
+                after = impose(world.driver, after, is_subject, step + 1, step_s)
+                num_overlaps = num_overlaps + overlaps(after, is_subject, length_m)
+            if not is_one_tile:
+                last = last.with_step(number, vehicles)
+            return _Motion.from_(after), last, num_collisions + jnp.sum(has_collided & tile.is_new), num_overlaps
 
-        motion, num_collisions = for_each_tile(one_tile, num_tiles, num_entries, (motion, num_collisions))
-        if isinstance(world.driver, Replay) and num_overlaps is not None:
-            is_subject = world.is_subject(state.vehicles)
-            length_m = select_by_class([one.length_m for one in world.classes], state.vehicles.vehicle_class)
-            vehicles = impose(world.driver, motion.of(state.vehicles), is_subject, step + 1, step_s)
-            num_overlaps = num_overlaps + overlaps(vehicles, is_subject, length_m)
-            motion = _Motion.from_(vehicles)
-        return motion, step + 1, num_collisions, num_overlaps
+        start = tile(all_motion)
+        motion, *others = jax.lax.fori_loop(
+            0, num_steps, one_step, (start, ahead.of(resting), num_collisions, num_overlaps)
+        )
+        motion = _where(tile.is_new, motion, start)
+        return tile.write(all_motion, motion), *others
 
     with jax.named_scope("move"):
-        carry = (_Motion.from_(state.vehicles), state.step, state.num_collisions, state.num_subject_overlaps)
-        motion, *counts = jax.lax.fori_loop(0, num_steps, one_step, carry)
-    moved = (motion.of(state.vehicles), *counts)
+        carry = (
+            _Motion.from_(state.vehicles),
+            _Ahead.of_nobody(num_steps),
+            state.num_collisions,
+            state.num_subject_overlaps,
+        )
+        motion, _, *counts = for_each_tile(one_tile, num_tiles, num_entries, carry, size)
+    moved = (motion.of(state.vehicles), state.step + num_steps, *counts)
     return eqx.tree_at(
         lambda s: (s.vehicles, s.step, s.num_collisions, s.num_subject_overlaps),
         state,
@@ -108,4 +133,55 @@ class _Motion(eqx.Module):
         )
 
 
-_Progress = tuple[_Motion, Array, Array, Array | None]  # motion, step, collisions, overlaps of a replayed vehicle
+class _Ahead(eqx.Module):
+    """The last two vehicles of a tile, as the next tile sees them.
+
+    Attributes:
+        motion: position, speed and acceleration at each step.
+        vehicle_class: their classes.
+    """
+
+    motion: Float[Array, "step quantity vehicle"]
+    vehicle_class: Int[Array, " vehicle"]
+
+    @classmethod
+    def of_nobody(cls, num_steps: int) -> "_Ahead":
+        """Before the first tile there is nobody."""
+        one = nobody()
+        motion = jnp.stack([one.position_m, one.speed_mps, one.acceleration_mps2])
+        return cls(
+            jnp.broadcast_to(motion[None, :, None], (num_steps, 3, 2)), jnp.broadcast_to(one.vehicle_class, (2,))
+        )
+
+    def of(self, vehicles: VehicleArrays) -> "_Ahead":
+        """Return the last two of these vehicles; what they do is still to be filled in."""
+        return _Ahead(self.motion, vehicles.vehicle_class[-2:])
+
+    def with_step(self, number: Int[Array, ""], vehicles: VehicleArrays) -> "_Ahead":
+        """Return the same with where they are before one of the steps."""
+        arrays = (vehicles.position_m, vehicles.speed_mps, vehicles.acceleration_mps2)
+        now = jnp.stack([array[-2:] for array in arrays])
+        return _Ahead(jax.lax.dynamic_update_index_in_dim(self.motion, now, number, 0), self.vehicle_class)
+
+    def neighbour(self, number: Int[Array, ""], which: int) -> Neighbour:
+        """Return the last (1) or the one before it (0) at one of the steps."""
+        position_m, speed_mps, acceleration_mps2 = jax.lax.dynamic_index_in_dim(self.motion, number, 0, False)[:, which]
+        return Neighbour(
+            entry=jnp.zeros((), jnp.int32),
+            exists=jnp.all(self.vehicle_class[which:] >= 0),
+            position_m=position_m,
+            speed_mps=speed_mps,
+            acceleration_mps2=acceleration_mps2,
+            vehicle_class=self.vehicle_class[which],
+        )
+
+
+# motion; who is ahead of a tile; collisions; overlaps of a replayed vehicle
+_Progress = tuple[_Motion, _Ahead, Array, Array | None]
+
+
+def _where(mask: Bool[Array, " vehicle"], values: Tree, others: Tree) -> Tree:
+    """Return these values where the mask says so; arrays may have further axes."""
+    return jax.tree.map(
+        lambda one, other: jnp.where(mask.reshape(-1, *[1] * (other.ndim - 1)), one, other), values, others
+    )

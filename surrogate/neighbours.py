@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from surrogate.materialise import materialise
-from surrogate.traffic_state import VehicleArrays
+from surrogate.traffic_state import HEAD, VehicleArrays
 
 
 @jax.custom_batching.custom_vmap
@@ -101,7 +101,7 @@ def leader_at(entry: Int[Array, " vehicle"], vehicles: VehicleArrays) -> Neighbo
     return neighbour_at(entry, take(vehicles.row, entry), vehicles)
 
 
-def shift_down(values: Array, first: float) -> Array:
+def shift_down(values: Array, first: Array | float) -> Array:
     """Return the value of the entry before each entry, `first` for the very first."""
     return jnp.concatenate([jnp.full((1,), first, values.dtype), values[:-1]])
 
@@ -111,28 +111,37 @@ def shift_up(values: Array, last: float) -> Array:
     return jnp.concatenate([values[1:], jnp.full((1,), last, values.dtype)])
 
 
-def second_leader(leader: Neighbour) -> Neighbour:
-    """Return the leader of each vehicle's leader in its own row, given the leaders of all."""
-    before = Neighbour(
-        entry=shift_down(leader.entry, 0),
-        exists=shift_down(leader.exists, False),
-        position_m=shift_down(leader.position_m, jnp.inf),
-        speed_mps=shift_down(leader.speed_mps, 0.0),
-        acceleration_mps2=shift_down(leader.acceleration_mps2, 0.0),
-        vehicle_class=shift_down(leader.vehicle_class, -1),
+def as_neighbours(vehicles: VehicleArrays) -> Neighbour:
+    """Return each vehicle as others see it."""
+    return Neighbour(
+        entry=jnp.arange(vehicles.row.shape[0], dtype=jnp.int32),
+        exists=vehicles.is_vehicle,
+        position_m=vehicles.position_m,
+        speed_mps=vehicles.speed_mps,
+        acceleration_mps2=vehicles.acceleration_mps2,
+        vehicle_class=vehicles.vehicle_class,
     )
-    # behind a head, what is before belongs to another row
-    return dataclasses.replace(before, exists=leader.exists & before.exists)
+
+
+def nobody() -> Neighbour:
+    """Return a neighbour that does not exist."""
+    return Neighbour(
+        entry=jnp.zeros((), jnp.int32),
+        exists=jnp.zeros((), bool),
+        position_m=jnp.full((), jnp.inf, jnp.float32),
+        speed_mps=jnp.zeros((), jnp.float32),
+        acceleration_mps2=jnp.zeros((), jnp.float32),
+        vehicle_class=jnp.full((), HEAD, jnp.int32),
+    )
 
 
 def own_leader(vehicles: VehicleArrays) -> Neighbour:
-    """Return the leader of each vehicle in its own row: the entry before it."""
-    vehicle_class = shift_down(vehicles.vehicle_class, -1)
-    return Neighbour(
-        entry=jnp.maximum(jnp.arange(vehicles.row.shape[0], dtype=jnp.int32) - 1, 0),
-        exists=vehicle_class >= 0,  # between two rows there is always a head
-        position_m=shift_down(vehicles.position_m, jnp.inf),
-        speed_mps=shift_down(vehicles.speed_mps, 0.0),
-        acceleration_mps2=shift_down(vehicles.acceleration_mps2, 0.0),
-        vehicle_class=vehicle_class,
-    )
+    """Return the leader of each vehicle in its own row: the entry before it, for each row begins with a head."""
+    return jax.tree.map(shift_down, as_neighbours(vehicles), nobody())
+
+
+def second_leader(leader: Neighbour) -> Neighbour:
+    """Return the leader of each vehicle's leader in its own row, given the leaders of all."""
+    before = jax.tree.map(shift_down, leader, nobody())
+    # behind a head, what is before belongs to another row
+    return dataclasses.replace(before, exists=leader.exists & before.exists)

@@ -12,6 +12,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
+from surrogate.counting import running_count
 from surrogate.neighbours import take
 from surrogate.traffic_state import VehicleArrays, empty_vehicles, with_changes
 
@@ -80,7 +81,7 @@ def new_order(moves: Moves, vehicles: VehicleArrays, head: Int[Array, " row_plus
 
     keeps = (entry < in_use) & ~has_moved & ~moves.leaves_road
     takes = claimant != NOBODY
-    count = jnp.cumsum(keeps.astype(jnp.int32) + takes.astype(jnp.int32))
+    count = running_count(keeps.astype(jnp.int32) + takes.astype(jnp.int32))
     new_entry = count - takes.astype(jnp.int32) - 1
     new_in_use = count[-1]
 

@@ -12,6 +12,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from surrogate.effects.apply import appeared, sensed, start_of_sensing
+from surrogate.materialise import materialise
 from surrogate.moving import move_on
 from surrogate.perception import PerceptionFrame, Sensor, blank_frame, perceive
 from surrogate.step import initial_state, settle_lanes
@@ -161,7 +162,8 @@ def observe_batch(
                 seen_now = appeared(world.effects, seen_now, state.vehicles, entry)
                 seen_now, sensor_memory = sensed(world.effects, seen_now, sensor_memory, world.seed)
         with jax.named_scope("observe"):
-            observed = observer.update(observed, seen_now)
+            # a program of its own, which rounds alike whatever made the frame
+            observed = observer.update(observed, materialise(seen_now))
         return state.vehicles.track, state.num_tracks, (observed, sensor_memory) if has_effects else observed
 
     def block(carry: tuple[TrafficState, ObserverState, RunRecord]) -> tuple[TrafficState, ObserverState, RunRecord]:

@@ -14,7 +14,7 @@ from surrogate.lane_change.manoeuvre import (
     idle_manoeuvres,
     with_duration,
 )
-from surrogate.lane_change.surroundings import Place
+from surrogate.lane_change.place import Place
 from surrogate.materialise import materialise
 from surrogate.reorder import Moves, new_order, rearrange
 from surrogate.subject.control import with_plan, with_planned_acceleration
@@ -167,7 +167,7 @@ def settle_lanes(
     if effects is not None:
         vehicles = settled(effects, Moment(vehicles, world.classes, world.seed, state.step, clock.step_s))
     enters_as_other = order.has_entered & ~candidates.is_subject
-    reasons = jnp.zeros_like(state.num_lane_changes).at[decision.reason].add(order.has_moved.astype(jnp.int32))
+    reasons = jnp.stack([jnp.sum(order.has_moved & (decision.reason == reason), dtype=jnp.int32) for reason in Reason])
     return TrafficState(
         vehicles=vehicles,
         head=order.head,

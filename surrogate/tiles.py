@@ -16,7 +16,7 @@ from surrogate.neighbours import take
 
 Tree = TypeVar("Tree")
 Carry = TypeVar("Carry")
-TILE_SIZE = 256  # entries; below, the calls of so many small loops cost more than the empty rest of the last tile
+LARGEST_TILE = 448  # entries; of smaller tiles, the loops cost more than the empty rest of the last tile
 
 
 class Tile:
@@ -26,19 +26,23 @@ class Tile:
         size: how many.
         start: the first.
         is_new: which of them are in no tile before.
+        is_first: which of them is the first of these.
     """
 
-    def __init__(self, number: Int[Array, ""] | int, num_entries: int) -> None:
+    def __init__(self, number: Int[Array, ""] | int, num_entries: int, size: int | None = None) -> None:
         """Find its place.
 
         Args:
             number: which tile.
             num_entries: length of the arrays.
+            size: entries of a tile; the usual number unless given.
         """
-        self.size = tile_size(num_entries)
+        self.size = tile_size(num_entries) if size is None else size
         self.start = jnp.minimum(number * self.size, num_entries - self.size)
         # the last tile ends with the arrays, so it may begin within the one before
-        self.is_new = jnp.arange(self.size, dtype=jnp.int32) + self.start >= number * self.size
+        entry = jnp.arange(self.size, dtype=jnp.int32) + self.start
+        self.is_new = entry >= number * self.size
+        self.is_first = entry == number * self.size
 
     def __call__(self, values: Tree) -> Tree:
         """Return the tile's part of each array."""
@@ -62,8 +66,8 @@ class Chosen:
 
 
 def tile_size(num_entries: int) -> int:
-    """Return the size of the tiles of arrays of a length."""
-    return min(TILE_SIZE, num_entries)
+    """Return the size of the tiles of arrays of a length: all the same, so that little of the last is empty."""
+    return -(-num_entries // -(-num_entries // LARGEST_TILE))
 
 
 def all_tiles(num_entries: int) -> int:
@@ -82,7 +86,11 @@ def tiles_for(num_in_use: Int[Array, ""], num_entries: int) -> Int[Array, ""]:
 
 
 def for_each_tile(
-    function: Callable[[Tile, Carry], Carry], num_tiles: Int[Array, ""] | int, num_entries: int, carry: Carry
+    function: Callable[[Tile, Carry], Carry],
+    num_tiles: Int[Array, ""] | int,
+    num_entries: int,
+    carry: Carry,
+    size: int | None = None,
 ) -> Carry:
     """Return what becomes of a carry tile after tile.
 
@@ -91,8 +99,13 @@ def for_each_tile(
         num_tiles: tiles to work through, the same in all runs of a batch.
         num_entries: length of the arrays.
         carry: what the first tile gets.
+        size: entries of a tile; the usual number unless given.
     """
-    return jax.lax.fori_loop(0, num_tiles, lambda number, carry: function(Tile(number, num_entries), carry), carry)
+
+    def one(number: Int[Array, ""], carry: Carry) -> Carry:
+        return function(Tile(number, num_entries, size), carry)
+
+    return jax.lax.fori_loop(0, num_tiles, one, carry)
 
 
 def over_tiles(function: Callable[[Tile], Any], num_tiles: Int[Array, ""] | int, num_entries: int) -> Any:

@@ -7,17 +7,14 @@ from surrogate.lane_change.base import LEFT, RIGHT, STAY, LaneChangeDecision
 from surrogate.lane_change.cooperation import NO_ADVICE
 from surrogate.lane_change.free_model import FreeModel, of_members
 from surrogate.lane_change.gap_acceptance import Ego, Following
+from surrogate.lane_change.lanes import lanes_of
 from surrogate.lane_change.lc2013 import Memory
 from surrogate.lane_change.motives import wish
 from surrogate.lane_change.negotiation import Asked, Duty, hardest_mps2, negotiate
 from surrogate.lane_change.old_follower import OldFollower, old_follower_of
+from surrogate.lane_change.place import Place
 from surrogate.lane_change.registry import check_known
-from surrogate.lane_change.surroundings import (
-    Place,
-    desired_speed_mps,
-    entry_beside,
-    following_of,
-)
+from surrogate.lane_change.surroundings import Wanted, desired_speed_mps, following_of
 from surrogate.lane_change.view import View, judge_gaps, lc2013_of, look_around
 from surrogate.materialise import materialise
 from surrogate.tiles import Tile, all_tiles, over_tiles
@@ -48,24 +45,23 @@ def decide(
     num_entries = everybody.row.shape[0]
     num_tiles = all_tiles(num_entries) if num_tiles is None else num_tiles
     desired_mps = materialise(desired_speed_mps(everybody, classes))
+    wanted = Wanted.of(desired_mps)
 
     def who_must_change(tile: Tile) -> Duty:
         part = place.part(tile)
-        entries = materialise((entry_beside(part, True), entry_beside(part, False)))
-        around = look_around(part, tile(desired_mps), desired_mps, entries, classes, interval_s, step_s)
-        return Duty(entries, around.route_right.must_change, around.route_left.must_change)
+        lanes = materialise(lanes_of(part, following_of(part.vehicles.vehicle_class, classes)))
+        around = look_around(part, wanted.part(tile), lanes, classes, interval_s, step_s)
+        return Duty(lanes, around.route_right.must_change, around.route_left.must_change)
 
     duty = over_tiles(who_must_change, num_tiles, num_entries)
     old_follower = None
     if any(isinstance(c.lane_change, FreeModel) for c in classes):
         old_follower = old_follower_of(everybody, following_of(everybody.vehicle_class, classes), desired_mps)
-    asked = negotiate(place, duty, desired_mps, old_follower, classes, interval_s, step_s)
+    asked = negotiate(place, duty, wanted, old_follower, classes, interval_s, step_s)
 
     def settle(tile: Tile) -> LaneChangeDecision:
         part = place.part(tile)
-        around = materialise(
-            look_around(part, tile(desired_mps), desired_mps, tile(duty.entries), classes, interval_s, step_s)
-        )
+        around = materialise(look_around(part, wanted.part(tile), tile(duty.lanes), classes, interval_s, step_s))
         return _settle(part, around, tile(asked), tile(old_follower), classes, interval_s, step_s)
 
     return over_tiles(settle, num_tiles, num_entries)

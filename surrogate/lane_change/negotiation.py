@@ -1,15 +1,20 @@
 """Those who must change lane for their route ask their neighbours for room."""
 
+import dataclasses
+from functools import partial
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float
 
 from surrogate.compaction import first_true
 from surrogate.lane_change.cooperation import NO_ADVICE, requests
 from surrogate.lane_change.gap_acceptance import Following
+from surrogate.lane_change.lanes import Lanes
 from surrogate.lane_change.old_follower import OldFollower
-from surrogate.lane_change.surroundings import Place, following_of
+from surrogate.lane_change.place import Place
+from surrogate.lane_change.surroundings import Wanted, following_of
 from surrogate.lane_change.view import judge_gaps, look_around
 from surrogate.materialise import materialise
 from surrogate.neighbours import take
@@ -24,15 +29,15 @@ FEWEST_URGENT = 24
 
 
 class Duty(eqx.Module):
-    """Who must change lane for his route, and who is ahead of him on each side.
+    """Who must change lane for his route.
 
     Attributes:
-        entries: entry ahead in the row on the right, and on the left.
+        lanes: the lanes of everybody.
         must_right: whether the route needs a change to the right.
         must_left: whether it needs one to the left.
     """
 
-    entries: tuple[Int[Array, " vehicle"], Int[Array, " vehicle"]]
+    lanes: Lanes
     must_right: Flag
     must_left: Flag
 
@@ -56,7 +61,7 @@ class Asked(eqx.Module):
 def negotiate(
     place: Place,
     duty: Duty,
-    desired_mps: Value,
+    wanted: Wanted,
     old_follower: OldFollower | None,
     classes: tuple[VehicleClass, ...],
     interval_s: float,
@@ -67,7 +72,7 @@ def negotiate(
     Args:
         place: all vehicles and where they are.
         duty: who must change.
-        desired_mps: speed that each vehicle wants where it is.
+        wanted: speeds that vehicles want.
         old_follower: who follows each in its own row; None if no model asks.
         classes: vehicle classes.
         interval_s: time since the last decision.
@@ -80,12 +85,14 @@ def negotiate(
     chosen = Chosen(entry)
     part = place.part(chosen)
     following = following_of(part.vehicles.vehicle_class, classes)
-    around = look_around(part, chosen(desired_mps), desired_mps, chosen(duty.entries), classes, interval_s, step_s)
-    is_right = chosen(duty.must_right)
-    side = jax.tree.map(lambda right, left: jnp.where(is_right, right, left), around.right, around.left)
-    ego, side = materialise((around.ego, side))
+    # both sides are the lane asked for: what is read of it is read once
+    lane = jax.tree.map(partial(jnp.where, duty.must_right), duty.lanes.right, duty.lanes.left)
+    need, lane, is_right = chosen((duty.lanes.need, lane, duty.must_right))
+    around = look_around(part, wanted.part(chosen), Lanes(need, lane, lane), classes, interval_s, step_s)
+    ego, side = materialise((around.ego, around.right))
+    around = dataclasses.replace(around, ego=ego, right=side, left=side)
     judged = judge_gaps(part, around, chosen(old_follower), classes, step_s)
-    gaps = jax.tree.map(lambda right, left: jnp.where(is_right, right, left), *judged.gaps)
+    gaps = jax.tree.map(partial(jnp.where, is_right), *judged.gaps)
     request = requests(ego, side, gaps, following, around.after_right, is_right, interval_s, step_s)
 
     nothing = jnp.full((num_entries,), NO_ADVICE, jnp.float32)

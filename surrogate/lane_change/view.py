@@ -2,15 +2,17 @@
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float
 
 from surrogate.lane_change.base import Side
 from surrogate.lane_change.free_model import FreeModel, Outlook, free_models, of_members
 from surrogate.lane_change.gap_acceptance import Blocked, Ego, blocked
+from surrogate.lane_change.lanes import Lanes
 from surrogate.lane_change.lc2013 import Lc2013
 from surrogate.lane_change.old_follower import OldFollower
+from surrogate.lane_change.place import Place
 from surrogate.lane_change.strategy import Strategy, decayed_look_ahead_speed_mps, strategy
-from surrogate.lane_change.surroundings import Place, ego_of, following_of, side_of, sight_m
+from surrogate.lane_change.surroundings import Wanted, ego_of, following_of, side_of, sight_m
 from surrogate.materialise import materialise
 from surrogate.traffic_state import VehicleArrays
 from surrogate.vehicle_class import VehicleClass, select_record
@@ -43,21 +45,28 @@ class View(eqx.Module):
 
 def look_around(
     part: Place,
-    desired_mps: Value,
-    everybodys_desired_mps: Value,
-    entries: tuple[Int[Array, " vehicle"], Int[Array, " vehicle"]],
+    wanted: Wanted,
+    lanes: Lanes,
     classes: tuple[VehicleClass, ...],
     interval_s: float,
     step_s: float,
 ) -> View:
-    """Return what vehicles see; who is ahead of them on the right and on the left is known already."""
+    """Return what vehicles see.
+
+    Args:
+        part: the vehicles asked about.
+        wanted: speeds that vehicles want.
+        lanes: their lanes.
+        classes: vehicle classes.
+        interval_s: time since the last decision.
+        step_s: length of a time step.
+    """
     vehicles = part.vehicles
     following = following_of(vehicles.vehicle_class, classes)
     model = lc2013_of(vehicles, classes)
     look_m = sight_m(vehicles, following, step_s)
-    ego = ego_of(part, following, desired_mps, everybodys_desired_mps, look_m)
-    right = side_of(part, following, everybodys_desired_mps, look_m, entries[0], True)
-    left = side_of(part, following, everybodys_desired_mps, look_m, entries[1], False)
+    ego = ego_of(part, following, wanted, lanes.need, look_m)
+    right, left = (side_of(part, following, wanted, look_m, lane) for lane in (lanes.right, lanes.left))
     # SUMO lets the look-ahead speed decay once for each side that there is
     before = vehicles.look_ahead_speed_mps
     after_right = jnp.where(right.is_open, decayed_look_ahead_speed_mps(ego, before, interval_s), before)

@@ -6,7 +6,7 @@ from jaxtyping import Array, Bool
 
 from surrogate.lane_change.base import STAY, LaneChangeDecision, Reason
 from surrogate.lane_change.cooperation import NO_ADVICE
-from surrogate.lane_change.surroundings import Place
+from surrogate.lane_change.place import Place
 from surrogate.materialise import materialise
 from surrogate.subject.planner import Planner, plan
 from surrogate.subject.view import OWN_LANE, look_around

@@ -11,7 +11,7 @@ from sim_adapters.sumo_names import attribute_values, vehicle_class
 from sim_adapters.sumo_surroundings import Surroundings, vehicle_arrays
 from surrogate.kinematics import move
 from surrogate.lane_change.base import STAY
-from surrogate.lane_change.surroundings import Place
+from surrogate.lane_change.place import Place
 from surrogate.neighbours import own_leader
 from surrogate.road import Road
 from surrogate.step import look_up_lane

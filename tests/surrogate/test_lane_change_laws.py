@@ -13,8 +13,8 @@ import pytest
 from surrogate.inflow import ENTRANCE_STRIDE
 from surrogate.lane_change.base import LaneChangeModel, Reason
 from surrogate.lane_change.decide import decide
+from surrogate.lane_change.place import Place
 from surrogate.lane_change.registry import LANE_CHANGE_MODELS, lane_change_model
-from surrogate.lane_change.surroundings import Place
 from surrogate.model_entry import ModelEntry, ParameterRangeError, UnknownModelError
 from surrogate.traffic_state import TrafficState
 from surrogate.world import World

@@ -15,7 +15,8 @@ from surrogate.lane_change.base import LaneChangeModel, Reason
 from surrogate.lane_change.decide import decide
 from surrogate.lane_change.lc2013 import Lc2013
 from surrogate.lane_change.mobil import Appraisal, Mobil, appraise
-from surrogate.lane_change.surroundings import Place, following_of
+from surrogate.lane_change.place import Place
+from surrogate.lane_change.surroundings import following_of
 from surrogate.step import initial_state
 from surrogate.traffic_state import TrafficState
 from surrogate.vehicle_class import VehicleClass

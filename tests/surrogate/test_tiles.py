@@ -61,9 +61,9 @@ def test_a_run_is_the_same_whatever_the_tiles(
         settled = settle_lanes(state, world, CLOCK, num_tiles)
         return move_on(settled, world, CLOCK.step_s, CLOCK.steps_per_decision, num_tiles)
 
-    monkeypatch.setattr(tiles, "TILE_SIZE", num_entries)
+    monkeypatch.setattr(tiles, "LARGEST_TILE", num_entries)
     of_whole = jax.jit(lambda state: on(state, 1))(state)
-    monkeypatch.setattr(tiles, "TILE_SIZE", 48)
+    monkeypatch.setattr(tiles, "LARGEST_TILE", 48)
     in_use = state.head[-1] + world.inflow.lane_row.size
     assert int(tiles_for(in_use, num_entries)) < all_tiles(num_entries)
     of_tiles = jax.jit(lambda state: on(state, tiles_for(in_use, num_entries)))(state)
