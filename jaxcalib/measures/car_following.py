@@ -9,7 +9,7 @@ and its headway is censored, not short.
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from jaxcalib.measures.fold import Fold, by_index, indexed
+from jaxcalib.measures.fold import Fold, by_index, indexed, sums_by_class, within
 from jaxcalib.measures.scene import Scene
 
 HEADWAY_BORDER_S = (0.0, 0.75, 1.0, 1.25, 1.5, 1.75, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0)
@@ -37,12 +37,10 @@ class CarFollowing(Fold):
             counted |= _sums(scene, actor, is_actor)
         follows = scene.is_background & scene.is_following
         speed = scene.frame.object_speed_mps
-        above = speed[:, None] >= jnp.asarray(SPEED_BORDER_MPS)
-        in_class = (above & ~jnp.roll(above, -1, axis=1).at[:, -1].set(False)).astype(jnp.float32)
+        in_class = within(speed, jnp.asarray((*SPEED_BORDER_MPS, jnp.inf)))
         gap_s = jnp.where(follows, scene.gap_m / jnp.maximum(speed, 0.1), 0.0)
-        per_class = jnp.stack([follows.astype(jnp.float32), gap_s]) @ in_class
-        counted |= by_index("following_speed_bin", per_class[0])
-        counted |= by_index("following_speed_bin_gap_s", per_class[1])
+        counted |= by_index("following_speed_bin", sums_by_class(in_class, follows.astype(jnp.float32)))
+        counted |= by_index("following_speed_bin_gap_s", sums_by_class(in_class, gap_s))
         was_seen = scene.is_background & scene.is_tracked & (scene.interval_s > 0)
         change = (speed - scene.previous_speed_mps) / jnp.maximum(scene.interval_s, 1e-3)
         counted["acceleration_squared"] = jnp.sum(jnp.where(was_seen, change * change, 0.0))
@@ -93,8 +91,6 @@ def _sums(scene: Scene, actor: str, is_actor: Array) -> dict[str, Array]:
     weight = follows.astype(jnp.float32)
     speed = scene.frame.object_speed_mps
     headway = jnp.where(follows, scene.headway_s, 0.0)
-    border = jnp.asarray(HEADWAY_BORDER_S)
-    in_bin = follows[:, None] & (headway[:, None] >= border[:-1]) & (headway[:, None] < border[1:])
     drives_on = follows & scene.was_following
     begins = follows & ~scene.was_following
     parts = {
@@ -110,4 +106,5 @@ def _sums(scene: Scene, actor: str, is_actor: Array) -> dict[str, Array]:
         "headways_censored": (is_actor & ~scene.is_following).astype(jnp.float32),
     }
     counted = {f"{actor}_{part}": jnp.sum(values) for part, values in parts.items()}
-    return counted | by_index(f"{actor}_headway_bin", jnp.sum(in_bin.astype(jnp.float32), axis=0))
+    in_bin = within(headway, jnp.asarray(HEADWAY_BORDER_S))
+    return counted | by_index(f"{actor}_headway_bin", sums_by_class(in_bin, weight))

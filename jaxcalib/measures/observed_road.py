@@ -39,18 +39,14 @@ class ObservedRoad(eqx.Module):
 
     def lane_m_before(self, position_m: Float[Array, "..."]) -> Float[Array, "..."]:
         """Return the metres of lane upstream of each position; constant beyond the ends of the route."""
-        return jnp.interp(position_m, self.knot_m, self.lane_m)
+        length_m, lane_m = jnp.diff(self.knot_m), jnp.diff(self.lane_m)
+        passed_m = jnp.clip(position_m[..., None] - self.knot_m[:-1], 0.0, length_m)
+        return jnp.sum(passed_m * (lane_m / length_m), axis=-1)
 
     def lane_m_by_section(self, rear_m: Float[Array, ""], front_m: Float[Array, ""]) -> Float[Array, " section"]:
         """Return the metres of lane between two positions, by section."""
         border = jnp.clip(self.section_border_m, rear_m, front_m)
         return jnp.diff(self.lane_m_before(border))
-
-    def section_of(self, position_m: Float[Array, "..."]) -> Float[Array, "... section"]:
-        """Return a one for the section of each position; zeros off the route."""
-        lower, upper = self.section_border_m[:-1], self.section_border_m[1:]
-        position = position_m[..., None]
-        return ((position >= lower) & (position < upper)).astype(jnp.float32)
 
 
 def observe_road(scenario: Scenario) -> ObservedRoad:

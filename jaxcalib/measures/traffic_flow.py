@@ -9,7 +9,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from jaxcalib.measures.fold import Fold, by_index, indexed
+from jaxcalib.measures.fold import Fold, by_index, indexed, sums_by_class, within
 from jaxcalib.measures.scene import Scene
 
 
@@ -45,20 +45,18 @@ class TrafficFlow(Fold):
         speed = jnp.where(scene.is_vehicle, frame.object_speed_mps, 0.0)
         here = frame.subject_position_m
         lane_m = road.lane_m_by_section(here - frame.behind_m, here + frame.ahead_m)
-        section = road.section_of(scene.position_m)
-        row = (frame.object_row[:, None] == jnp.arange(road.num_rows)).astype(jnp.float32)
-        pair = jnp.stack([is_vehicle, speed])
-        per_section, per_row = pair @ section, pair @ row
+        in_section = within(scene.position_m, road.section_border_m)
+        in_row = frame.object_row == jnp.arange(road.num_rows)[:, None]
         return {
             "vehicle_frames": jnp.sum(is_vehicle),
             "vehicle_speed": jnp.sum(speed),
             "vehicle_speed_squared": jnp.sum(speed * speed),
             "lane_m_frames": jnp.sum(lane_m),
-            **by_index("section_frames", per_section[0]),
-            **by_index("section_speed", per_section[1]),
+            **by_index("section_frames", sums_by_class(in_section, is_vehicle)),
+            **by_index("section_speed", sums_by_class(in_section, speed)),
             **by_index("section_lane_m", lane_m),
-            **by_index("row_frames", per_row[0]),
-            **by_index("row_speed", per_row[1]),
+            **by_index("row_frames", sums_by_class(in_row, is_vehicle)),
+            **by_index("row_speed", sums_by_class(in_row, speed)),
         }
 
     def track_names(self) -> tuple[str, ...]:
@@ -114,7 +112,8 @@ class SubjectTravel(Fold):
         """Return what a scene adds. Distance is speed times interval: positions may be measured less well."""
         frame = scene.frame
         one = jnp.asarray(1.0)
-        section = scene.settings.road.section_of(frame.subject_position_m)
+        in_section = within(frame.subject_position_m[None], scene.settings.road.section_border_m)[:, 0]
+        section = in_section.astype(jnp.float32)
         return {
             "drives": jnp.where(scene.interval_s == 0, 1.0, 0.0),
             "subject_frames": one,
