@@ -25,7 +25,12 @@ Tree = TypeVar("Tree")
 
 
 def move_on(
-    state: TrafficState, world: World, step_s: float, num_steps: int, num_tiles: Int[Array, ""] | int | None = None
+    state: TrafficState,
+    world: World,
+    step_s: float,
+    num_steps: Int[Array, ""] | int,
+    num_tiles: Int[Array, ""] | int | None = None,
+    most_steps: int | None = None,
 ) -> TrafficState:
     """Return the state after some steps in which everybody stays in his lane.
 
@@ -35,7 +40,15 @@ def move_on(
         step_s: length of a step.
         num_steps: how many.
         num_tiles: tiles that hold vehicles, see `surrogate.tiles`; all unless given.
+        most_steps: bound of `num_steps`; must be given if that is traced.
+
+    Raises:
+        ValueError: it is missing.
     """
+    if most_steps is None:
+        if not isinstance(num_steps, int):
+            raise ValueError("Expected most_steps with a number of steps that is traced.")
+        most_steps = num_steps
     num_entries = state.vehicles.row.shape[0]
     # who looks at leaders anywhere, or is put where a log has him, needs everybody at the same step
     in_step = state.manoeuvres is not None or isinstance(world.driver, Replay)
@@ -95,7 +108,7 @@ def move_on(
     with jax.named_scope("move"):
         carry = (
             _Motion.from_(state.vehicles),
-            _Ahead.of_nobody(num_steps),
+            _Ahead.of_nobody(most_steps),
             state.num_collisions,
             state.num_subject_overlaps,
         )

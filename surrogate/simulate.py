@@ -130,24 +130,24 @@ def observe_batch(
 
     decisions_per_frame = max(1, plan.steps_per_frame // clock.steps_per_decision)
     frames_per_decision = max(1, clock.steps_per_decision // plan.steps_per_frame)
-    cycles_per_block = max(1, round(plan.block_s / clock.step_s / max(plan.steps_per_frame, clock.steps_per_decision)))
-    frames_per_block = cycles_per_block * frames_per_decision
+    steps_per_cycle = max(plan.steps_per_frame, clock.steps_per_decision)
+    cycles_per_block = max(1, round(plan.block_s / clock.step_s / steps_per_cycle))
     steps_before = plan.steps_before_decision
     steps_after = min(plan.steps_per_frame, clock.steps_per_decision) - steps_before
 
-    def drive_on(
-        state: TrafficState, world: World, decides: Bool[Array, ""], plans: Bool[Array, ""], num_tiles: Int[Array, ""]
+    def go(
+        states: TrafficState, num_steps: int | Int[Array, ""], num_tiles: Int[Array, ""], most_steps: int | None = None
     ) -> TrafficState:
-        def settle(state: TrafficState) -> TrafficState:
+        def one(state: TrafficState, world: World) -> TrafficState:
+            return move_on(state, world, clock.step_s, num_steps, num_tiles, most_steps)
+
+        return jax.vmap(one, in_axes=(0, axes))(states, worlds)
+
+    def settle(states: TrafficState, plans: Bool[Array, ""], num_tiles: Int[Array, ""]) -> TrafficState:
+        def one(state: TrafficState, world: World) -> TrafficState:
             return settle_lanes(state, world, clock, num_tiles, plans)
 
-        def go(state: TrafficState, num_steps: int) -> TrafficState:
-            return move_on(state, world, clock.step_s, num_steps, num_tiles)
-
-        for _ in range(decisions_per_frame - 1):
-            state = go(settle(go(state, steps_before)), steps_after)
-        state = jax.lax.cond(decides, settle, lambda s: s, go(state, steps_before))
-        return go(state, steps_after)
+        return jax.vmap(one, in_axes=(0, axes))(states, worlds)
 
     def see(state: TrafficState, observed: ObserverState, world: World) -> tuple[Array, Array, ObserverState]:
         has_effects = world.effects is not None
@@ -171,23 +171,31 @@ def observe_batch(
         is_over = states.subject_left
         is_seen = states.step[0] >= first_seen_step
 
-        def frame(number: Int[Array, ""], carry: tuple[TrafficState, ObserverState]) -> Any:
-            # neither condition differs between runs, so both stay branches that are skipped; nor does num_tiles
+        def cycle(_: Int[Array, ""], carry: tuple[TrafficState, ObserverState]) -> Any:
+            # no condition differs between runs, so branches are skipped; nor does num_tiles
             states, observed = carry
-            decides = number % frames_per_decision == 0
             num_tiles = tiles_for(jnp.max(states.head[:, -1]) + most_newcomers, plan.capacity)
-            states = jax.vmap(lambda s, w: drive_on(s, w, decides, is_seen, num_tiles), in_axes=(0, axes))(
-                states, worlds
-            )
-            unseen = states.vehicles.track, states.num_tracks, observed
-            track, num_tracks, observed = jax.lax.cond(
-                is_seen,
-                lambda: jax.vmap(see, in_axes=(0, 0, axes))(states, observed, worlds),
-                lambda: unseen,
-            )
-            return eqx.tree_at(lambda s: (s.vehicles.track, s.num_tracks), states, (track, num_tracks)), observed
+            for _more in range(decisions_per_frame - 1):
+                states = settle(go(states, steps_before, num_tiles), is_seen, num_tiles)
+                states = go(states, steps_after, num_tiles)
+            states = settle(go(states, steps_before, num_tiles), is_seen, num_tiles)
 
-        states, observed = jax.lax.fori_loop(0, frames_per_block, frame, (states, observed))
+            def to_frame(number: Int[Array, ""], carry: tuple[TrafficState, ObserverState]) -> Any:
+                states, observed = carry
+                # one loop for any number of steps, so that a run is the same to the bit, seen or not
+                num_steps = jnp.where(is_seen, jnp.where(number == 0, steps_after, plan.steps_per_frame), steps_unseen)
+                states = go(states, num_steps, num_tiles, steps_unseen)
+                unseen = states.vehicles.track, states.num_tracks, observed
+                track, num_tracks, observed = jax.lax.cond(
+                    is_seen,
+                    lambda: jax.vmap(see, in_axes=(0, 0, axes))(states, observed, worlds),
+                    lambda: unseen,
+                )
+                return eqx.tree_at(lambda s: (s.vehicles.track, s.num_tracks), states, (track, num_tracks)), observed
+
+            return jax.lax.fori_loop(0, jnp.where(is_seen, frames_per_decision, 1), to_frame, (states, observed))
+
+        states, observed = jax.lax.fori_loop(0, cycles_per_block, cycle, (states, observed))
         later = _record(states, record.num_on_road, record.num_vehicle_steps + steps_per_block * _num_on_road(states))
         kept = jax.tree.map(
             lambda old, new: jnp.where(is_over.reshape(-1, *[1] * (new.ndim - 1)), old, new), record, later
@@ -202,7 +210,8 @@ def observe_batch(
     num_runs = worlds.seed.shape[0]
     most_newcomers = decisions_per_frame * worlds.inflow.lane_row.size
     # whole blocks are seen or not, so that a run sees the same frames in whichever batch it is
-    steps_per_block = frames_per_block * plan.steps_per_frame
+    steps_per_block = cycles_per_block * steps_per_cycle
+    steps_unseen = steps_after + (frames_per_decision - 1) * plan.steps_per_frame
     first_seen_step = jnp.floor(first_frame_s / clock.step_s / steps_per_block).astype(jnp.int32) * steps_per_block
     if states is None:
         states = jax.vmap(first, in_axes=(axes,), axis_size=num_runs)(worlds)
