@@ -14,7 +14,7 @@ from surrogate.traffic_state import VehicleArrays
 Value = Float[Array, " vehicle"]
 Flag = Bool[Array, " vehicle"]
 
-ROW_BITS, OFFSET_BITS, END_BITS = 5, 5, 15
+ROW_BITS, OFFSET_BITS, END_BITS = 5, 6, 14  # any offset between so many rows fits
 NO_ROW = (1 << ROW_BITS) - 1
 
 

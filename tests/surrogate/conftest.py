@@ -10,6 +10,7 @@ import pytest
 from sim_adapters.interface import ParameterLayout
 from sim_adapters.scenario import Scenario, read_scenario
 from sim_adapters.world_builder import WorldTemplate, build_template
+from surrogate.effects.settings import Effects
 from surrogate.moving import move_on
 from surrogate.step import initial_state, settle_lanes
 from surrogate.traffic_state import TrafficState
@@ -48,11 +49,11 @@ def template(corridor: Scenario, layout: ParameterLayout) -> WorldTemplate:
 def corridor_world(template: WorldTemplate) -> Callable[..., World]:
     """Return a function that makes a world of the corridor from named parameters; the others are the scenario's."""
 
-    def make(seed: int, depart_s: float, **changes: float) -> World:
+    def make(seed: int, depart_s: float, effects: Effects | None = None, **changes: float) -> World:
         values = dict(zip(template.layout.names, template.base_values(), strict=True))
         assert not set(changes) - set(values)
         vector = jnp.asarray(list((values | changes).values()), jnp.float32)
-        return template.world(vector, jnp.asarray(seed, jnp.int32), jnp.asarray(depart_s, jnp.float32))
+        return template.world(vector, jnp.asarray(seed, jnp.int32), jnp.asarray(depart_s, jnp.float32), effects)
 
     return make
 

@@ -1,5 +1,6 @@
 from collections.abc import Callable
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -8,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from surrogate import tiles
+from surrogate.effects.settings import Effects, EffectSetting, settings_table
 from surrogate.moving import move_on
 from surrogate.step import settle_lanes
 from surrogate.tiles import Chosen, Tile, all_tiles, for_each_tile, over_tiles, tiles_for
@@ -47,13 +49,19 @@ def test_chosen_entries_of_each_array():
     assert picked["b"].tolist() == [12, 7, 9]
 
 
+@pytest.mark.parametrize("mix", [None, {"multi_anticipation": EffectSetting(0.6)}], ids=["baseline", "effects"])
 def test_a_run_is_the_same_whatever_the_tiles(
+    mix: dict[str, EffectSetting] | None,
     corridor_world: Callable[..., World],
     drive_on: Callable[[World, int], list[TrafficState]],
     monkeypatch: pytest.MonkeyPatch,
 ):
-    """Small tiles, and only those that hold vehicles, against one tile of all entries."""
-    world = corridor_world(19, 60.0, main=3300.0, on1=620.0)
+    """Small tiles, and only those that hold vehicles, against one tile of all entries.
+
+    One effect asks who is before a vehicle's leader, who may be in the tile before.
+    """
+    effects = None if mix is None else Effects(jnp.asarray(settings_table(mix), jnp.float32))
+    world = corridor_world(19, 60.0, effects, main=3300.0, on1=620.0)
     state = drive_on(world, 130)[-1]
     num_entries = state.vehicles.row.shape[0]
 
@@ -67,5 +75,24 @@ def test_a_run_is_the_same_whatever_the_tiles(
     in_use = state.head[-1] + world.inflow.lane_row.size
     assert int(tiles_for(in_use, num_entries)) < all_tiles(num_entries)
     of_tiles = jax.jit(lambda state: on(state, tiles_for(in_use, num_entries)))(state)
-    for one, other in zip(jax.tree.leaves(of_whole), jax.tree.leaves(of_tiles), strict=True):
+
+    def without_nobodys_memories(state: TrafficState) -> TrafficState:
+        kept = jax.tree.map(lambda leaf: leaf[: int(state.head[-1])], state.vehicles.personal)
+        return eqx.tree_at(lambda s: s.vehicles.personal, state, kept, is_leaf=lambda leaf: leaf is None)
+
+    whole, tiled = (without_nobodys_memories(state) for state in (of_whole, of_tiles))
+    for one, other in zip(jax.tree.leaves(whole), jax.tree.leaves(tiled), strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-5, atol=1e-4)
+
+
+def test_a_traced_number_of_steps_needs_a_bound(
+    corridor_world: Callable[..., World], drive_on: Callable[[World, int], list[TrafficState]]
+):
+    world = corridor_world(7, 60.0)
+    state = drive_on(world, 40)[-1]
+    with pytest.raises(ValueError, match="most_steps"):
+        jax.jit(lambda steps: move_on(state, world, CLOCK.step_s, steps))(3)
+    few = jax.jit(lambda steps: move_on(state, world, CLOCK.step_s, steps, most_steps=8))(3)
+    same = jax.jit(lambda: move_on(state, world, CLOCK.step_s, 3))()
+    assert int(few.step) == int(same.step) == int(state.step) + 3
+    np.testing.assert_allclose(few.vehicles.position_m, same.vehicles.position_m, rtol=1e-6)
