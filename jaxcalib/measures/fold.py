@@ -59,7 +59,7 @@ def within(values: Float[Array, " object"], border: Float[Array, " border"]) -> 
 def sums_by_class(in_class: Bool[Array, "class object"], values: Float[Array, " object"]) -> Float[Array, " class"]:
     """Return the sum of values in each class.
 
-    Objects lie along the last axis: so XLA sums without writing the classes to memory, three times faster than by a
-    product of matrices (4 instead of 11 us for 14 classes of 16 x 128 objects).
+    Objects lie along the last axis. XLA sums along it faster than it multiplies matrices so small: 4 instead of 11 us
+    for two sums over 16 x 128 objects in 14 classes.
     """
     return jnp.sum(jnp.where(in_class, values, 0.0), axis=1)

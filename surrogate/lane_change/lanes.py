@@ -1,6 +1,4 @@
-"""The lanes that a vehicle may be in after a decision: its own and those beside, who is ahead there, and whether its
-route can be followed there.
-"""
+"""The lanes that a vehicle may be in after a decision: who is ahead there, and whether its route can be followed."""
 
 import equinox as eqx
 import jax.numpy as jnp
