@@ -115,5 +115,10 @@ def follow(
         step_s,
     )
     speed = next_speed_mps(state.speed_mps, acceleration, step_s)
-    gap = state.gap_m + leader.advance_m - step_s * speed
-    return ReplayState(speed, (speed - state.speed_mps) / step_s, gap)
+    return after_speed(state, speed, leader.advance_m, step_s)
+
+
+def after_speed(state: ReplayState, speed_mps: Value, leader_advance_m: Value, step_s: float) -> ReplayState:
+    """Return the followers one step later, given the speeds that they reach; linear, so tangents obey it as well."""
+    gap = state.gap_m + leader_advance_m - step_s * speed_mps
+    return ReplayState(speed_mps, (speed_mps - state.speed_mps) / step_s, gap)

@@ -4,36 +4,39 @@ The same pairs, the same objective, the same simulator: differential evolution w
 evaluated as one batch, pair after pair. Both fit the first half of each pair and are judged on the second.
 """
 
-import functools
 import json
 import time
 from pathlib import Path
 from typing import Annotated
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from cyclopts import App, Parameter
 from cyclopts.validators import Number
 from scipy.optimize import differential_evolution
 
-from jaxcalib.pair_fitting.batch import Bounds, PairBatch, bounds_of, misfit
-from jaxcalib.pair_fitting.fit import batches, fit_pairs, mixed_errors
+from jaxcalib.pair_fitting.batch import bounds_of, misfit, pair_batch
+from jaxcalib.pair_fitting.fit import fit_pairs, mixed_errors
 from jaxcalib.pair_fitting.recorded_pairs import RecordedPair, read_pairs
 from surrogate.car_following.registry import car_following_model
 from surrogate.model_entry import ModelEntry
 
 DATA_SETS = ("openacc_astazero", "openacc_zalazone", "ngsim_i80_human_pairs")
+SHORTEST = 256  # steps; arrays have a power of 2 times that, so that one program serves many pairs
 WORST = 1e6  # misfit of what is no number
 app = App(name="experiments.benchmarks.pair_fitting", help="Fits of pairs against differential evolution.")
 
 
 def evolve(entry: ModelEntry, pair: RecordedPair, seed: int) -> np.ndarray:
     """Return the values that differential evolution finds for a pair."""
-    bounds, ((_, batch),) = bounds_of(entry), tuple(batches([pair]))
+    bounds, steps = bounds_of(entry), SHORTEST
+    while steps < len(pair):
+        steps *= 2
+    batch = pair_batch([pair], piece_steps=steps)
 
     def evaluate(columns: np.ndarray) -> np.ndarray:
-        found = np.asarray(_losses(entry, jnp.asarray(columns.T, jnp.float32), bounds, batch), float)
+        units = jnp.asarray(columns[:, :, None], jnp.float32)
+        found = np.asarray(misfit(entry, bounds, units, batch), float)[:, 0]
         return np.where(np.isfinite(found), found, WORST)
 
     num_parameters = len(entry.parameters) + 1
@@ -41,12 +44,6 @@ def evolve(entry: ModelEntry, pair: RecordedPair, seed: int) -> np.ndarray:
         evaluate, [(0.0, 1.0)] * num_parameters, vectorized=True, updating="deferred", polish=False, rng=seed
     )
     return np.asarray(bounds.values(jnp.asarray(found.x, jnp.float32)), float)
-
-
-@functools.partial(jax.jit, static_argnums=0)
-def _losses(entry: ModelEntry, unit: jnp.ndarray, bounds: Bounds, batch: PairBatch) -> jnp.ndarray:
-    """Return the misfits of a population, one batch; compiled once for all pairs of a power of 2."""
-    return jax.vmap(lambda point: misfit(entry, bounds, point[None], batch)[0])(unit)
 
 
 @app.default

@@ -1,12 +1,12 @@
 """Many pairs as arrays of one shape, and the misfit of their gaps with its derivatives.
 
-The loop over time ends with the longest pair of a batch, so that one program serves batches of any length; it adds up
-what a least-squares step needs and stores nothing of the way.
+Drives of any length are cut into pieces of one number of steps, so that one program serves them all; from piece to
+piece the followers and the sums so far are handed on. Nothing is stored of the way.
 """
 
 import functools
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Iterable, Sequence
+from typing import Literal
 
 import equinox as eqx
 import jax
@@ -15,17 +15,19 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from jaxcalib.pair_fitting.recorded_pairs import STEP_S, RecordedPair
+from surrogate.materialise import materialise
 from surrogate.model_entry import ModelEntry
-from surrogate.replay import LeaderMotion, ReplayState, follow
+from surrogate.replay import LeaderMotion, ReplayState, after_speed, follow
 
 DESIRED_SPEED = "desired_speed_mps"
 SLOWEST_DESIRED_MPS, FASTEST_DESIRED_MPS = 3.0, 45.0
 UNIFORM = 0.5  # drivers' random numbers: all are the middle one
 SMALLEST_GAP_M = 0.5  # below it an error counts as at this gap
+PIECE_STEPS = 512
 
 
-class PairBatch(eqx.Module):
-    """Pairs side by side; after its end a pair weighs nothing.
+class Piece(eqx.Module):
+    """Some steps of pairs side by side; after its end a pair weighs nothing.
 
     Attributes:
         leader_mps: [step, pair].
@@ -33,8 +35,7 @@ class PairBatch(eqx.Module):
         leader_advance_m: [step, pair].
         gap_m: recorded, [step, pair].
         weight: of each squared error of a gap, 1 / m^2, [step, pair].
-        first: follower at the beginning.
-        num_steps: steps of the longest pair.
+        num_steps: steps of the longest pair in this piece.
     """
 
     leader_mps: Array
@@ -42,8 +43,19 @@ class PairBatch(eqx.Module):
     leader_advance_m: Array
     gap_m: Array
     weight: Array
-    first: ReplayState
     num_steps: Int[Array, ""]
+
+
+class PairBatch(eqx.Module):
+    """Pairs side by side.
+
+    Attributes:
+        first: followers at the beginning, [pair].
+        pieces: one after the other.
+    """
+
+    first: ReplayState
+    pieces: tuple[Piece, ...]
 
 
 class Misfit(eqx.Module):
@@ -64,40 +76,56 @@ class Misfit(eqx.Module):
     smallest_gap_m: Float[Array, " pair"]
 
 
-def pair_batch(pairs: Sequence[RecordedPair], length: int) -> PairBatch:
+def pair_batch(
+    pairs: Sequence[RecordedPair], lanes: np.ndarray | None = None, piece_steps: int = PIECE_STEPS
+) -> PairBatch:
     """Return pairs as arrays.
 
     Args:
         pairs: the pairs.
-        length: of the arrays, at least that of the longest pair.
+        lanes: place of a pair for each lane of the arrays; None for each pair once.
+        piece_steps: steps of a piece.
 
     The weights make the sum of squares the square of the mixed error: Kesting & Treiber (2008), Transp. Res. Rec.
     2088, eq. (12): errors relative to the geometric mean of the recorded gap and its mean.
     """
+    longest = max(len(pair) for pair in pairs)
+    num_pieces = -(-longest // piece_steps)
 
-    def padded(values: list[np.ndarray], fill_last: bool = True) -> Array:
-        columns = [np.pad(one, (0, length - len(one)), mode="edge" if fill_last else "constant") for one in values]
-        return jnp.asarray(np.stack(columns, axis=1), jnp.float32)
+    def padded(values: Iterable[np.ndarray], mode: Literal["edge", "constant"]) -> np.ndarray:
+        length = num_pieces * piece_steps
+        columns = [np.pad(one, (0, length - len(one)), mode=mode) for one in values]
+        stacked = np.stack(columns, axis=1).astype(np.float32)
+        return stacked if lanes is None else stacked[:, lanes]
 
     weights = []
     for pair in pairs:
         gap = np.maximum(pair.gap_m, SMALLEST_GAP_M)
         weights.append(1.0 / (gap * gap.mean()) / len(pair))
-    follower = [pair.follower_mps[0] for pair in pairs]
-    accelerations = [np.append(0.0, np.diff(pair.leader_mps) / STEP_S) for pair in pairs]
-    return PairBatch(
-        leader_mps=padded([pair.leader_mps for pair in pairs]),
-        leader_acceleration_mps2=padded(accelerations, fill_last=False),
-        leader_advance_m=padded([pair.leader_advance_m for pair in pairs], fill_last=False),
-        gap_m=padded([pair.gap_m for pair in pairs]),
-        weight=padded(weights, fill_last=False),
-        first=ReplayState(
-            jnp.asarray(follower, jnp.float32),
-            jnp.zeros(len(pairs), jnp.float32),
-            jnp.asarray([pair.gap_m[0] for pair in pairs], jnp.float32),
-        ),
-        num_steps=jnp.asarray(max(len(pair) for pair in pairs), jnp.int32),
-    )
+    leader_mps = padded((pair.leader_mps for pair in pairs), "edge")
+    acceleration_mps2 = padded((np.append(0.0, np.diff(pair.leader_mps) / STEP_S) for pair in pairs), "constant")
+    advance_m = padded((pair.leader_advance_m for pair in pairs), "constant")
+    gap_m = padded((pair.gap_m for pair in pairs), "edge")
+    weight = padded(weights, "constant")
+    pieces = []
+    for begin in range(0, longest, piece_steps):
+        at = slice(begin, begin + piece_steps)
+        pieces.append(
+            Piece(
+                leader_mps=jnp.asarray(leader_mps[at]),
+                leader_acceleration_mps2=jnp.asarray(acceleration_mps2[at]),
+                leader_advance_m=jnp.asarray(advance_m[at]),
+                gap_m=jnp.asarray(gap_m[at]),
+                weight=jnp.asarray(weight[at]),
+                num_steps=jnp.asarray(min(piece_steps, longest - begin), jnp.int32),
+            )
+        )
+    speed = np.asarray([pair.follower_mps[0] for pair in pairs], np.float32)
+    gap = np.asarray([pair.gap_m[0] for pair in pairs], np.float32)
+    if lanes is not None:
+        speed, gap = speed[lanes], gap[lanes]
+    first = ReplayState(jnp.asarray(speed), jnp.zeros(len(speed), jnp.float32), jnp.asarray(gap))
+    return PairBatch(first, tuple(pieces))
 
 
 class Bounds(eqx.Module):
@@ -119,70 +147,97 @@ def bounds_of(entry: ModelEntry) -> Bounds:
 
 
 def misfit(
-    entry: ModelEntry, bounds: Bounds, unit: Float[Array, "pair parameter"], batch: PairBatch
-) -> Float[Array, " pair"]:
-    """Return the squared mixed error of each pair's simulated gap.
+    entry: ModelEntry, bounds: Bounds, units: Float[Array, "parameter point pair"], batch: PairBatch
+) -> Float[Array, "point pair"]:
+    """Return the squared mixed error of each pair's simulated gap at each point of the unit cube.
 
     The follower begins where the recorded one does and then sees only its leader and its own past (closed loop).
     """
-
-    def step(time: Int[Array, ""], carry: tuple[ReplayState, Array]) -> tuple[ReplayState, Array]:
-        state, total = carry
-        return _follow(entry, bounds, unit, batch, time, state), total + _residual(batch, time, state.gap_m) ** 2
-
-    start = batch.first, jnp.zeros_like(batch.first.gap_m)
-    return jax.lax.fori_loop(0, batch.num_steps, step, start)[1]
+    shape = units.shape[1:]
+    state = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, shape), batch.first)
+    total = jnp.zeros(shape, units.dtype)
+    for piece in batch.pieces:
+        state, total = _misfit_of_piece(entry, bounds, units, piece, (state, total))
+    return total
 
 
 def misfit_and_slopes(
-    entry: ModelEntry, bounds: Bounds, unit: Float[Array, "pair parameter"], batch: PairBatch
+    entry: ModelEntry, bounds: Bounds, unit: Float[Array, "parameter pair"], batch: PairBatch
 ) -> Misfit:
     """Return the misfit of each pair with its exact derivatives, by forward differentiation along the closed loop."""
-    num_pairs, num_parameters = unit.shape
-    directions = jnp.broadcast_to(jnp.eye(num_parameters, dtype=unit.dtype)[:, None], (num_parameters, *unit.shape))
-    nothing = jnp.zeros((num_pairs,), jnp.float32)
+    num_parameters, num_pairs = unit.shape
+    nothing, flat = jnp.zeros(num_pairs, unit.dtype), jnp.zeros_like(unit)
+    product = jnp.zeros((num_parameters, num_parameters, num_pairs), unit.dtype)
+    found = Misfit(nothing, flat, product, nothing, jnp.full_like(nothing, jnp.inf))
+    carry = batch.first, ReplayState(flat, flat, flat), nothing, found
+    for piece in batch.pieces:
+        carry = _slopes_of_piece(entry, bounds, unit, piece, carry)
+    return carry[3]
 
-    def step(time: Int[Array, ""], carry: tuple[ReplayState, ReplayState, Array, Misfit]) -> Any:
+
+@functools.partial(jax.jit, static_argnums=0)
+def _misfit_of_piece(
+    entry: ModelEntry, bounds: Bounds, units: Array, piece: Piece, before: tuple[ReplayState, Array]
+) -> tuple[ReplayState, Array]:
+    def step(time: Int[Array, ""], carry: tuple[ReplayState, Array]) -> tuple[ReplayState, Array]:
+        state, total = carry
+        return _follow(entry, bounds, units, piece, time, state), total + _residual(piece, time, state.gap_m) ** 2
+
+    return jax.lax.fori_loop(0, piece.num_steps, step, before)
+
+
+Sums = tuple[ReplayState, ReplayState, Array, Misfit]
+
+
+@functools.partial(jax.jit, static_argnums=0)
+def _slopes_of_piece(entry: ModelEntry, bounds: Bounds, unit: Array, piece: Piece, before: Sums) -> Sums:
+    """Return the followers after a piece, their tangents, their last residuals, and the sums so far.
+
+    A step's new speed is differentiated once, backwards, with respect to all that it depends on; each parameter's
+    tangent then takes three products. (Forward differentiation of the whole step did the model's arithmetic again for
+    each parameter and took twice as long.)
+    """
+
+    def step(time: Int[Array, ""], carry: Sums) -> Sums:
         state, tangents, last, found = carry
-        residual = _residual(batch, time, state.gap_m)
-        slope = jnp.sqrt(batch.weight[time]) * tangents.gap_m
-
-        def along(tangent: ReplayState, direction: Array) -> ReplayState:
-            advance = functools.partial(_follow, entry, bounds, batch=batch, time=time)
-            return jax.jvp(lambda s, u: advance(unit=u, state=s), (state, unit), (tangent, direction))[1]
-
+        residual = _residual(piece, time, state.gap_m)
+        slope = jnp.sqrt(piece.weight[time]) * tangents.gap_m
+        moved, backwards = jax.vjp(lambda s, u: _follow(entry, bounds, u, piece, time, s).speed_mps, state, unit)
+        speed, by_state, by_parameter = materialise((moved, *backwards(jnp.ones_like(moved))))
+        speed_slope = materialise(
+            by_parameter
+            + by_state.speed_mps * tangents.speed_mps
+            + by_state.acceleration_mps2 * tangents.acceleration_mps2
+            + by_state.gap_m * tangents.gap_m
+        )
+        is_within = piece.weight[time] > 0.0
         later = Misfit(
             total=found.total + residual**2,
             gradient=found.gradient + slope * residual,
             product=found.product + slope[:, None] * slope[None],
             lag_product=found.lag_product + residual * last,
-            smallest_gap_m=jnp.where(
-                batch.weight[time] > 0.0, jnp.minimum(found.smallest_gap_m, state.gap_m), found.smallest_gap_m
-            ),
+            smallest_gap_m=jnp.where(is_within, jnp.minimum(found.smallest_gap_m, state.gap_m), found.smallest_gap_m),
         )
-        moved = _follow(entry, bounds, unit, batch, time, state)
-        return moved, jax.vmap(along)(tangents, directions), residual, later
+        return (
+            after_speed(state, speed, piece.leader_advance_m[time], STEP_S),
+            after_speed(tangents, speed_slope, jnp.zeros_like(speed), STEP_S),
+            residual,
+            later,
+        )
 
-    first = Misfit(
-        total=nothing,
-        gradient=jnp.zeros((num_parameters, num_pairs)),
-        product=jnp.zeros((num_parameters, num_parameters, num_pairs)),
-        lag_product=nothing,
-        smallest_gap_m=jnp.full((num_pairs,), jnp.inf),
-    )
-    still = jax.tree.map(lambda leaf: jnp.zeros((num_parameters, *leaf.shape), leaf.dtype), batch.first)
-    return jax.lax.fori_loop(0, batch.num_steps, step, (batch.first, still, nothing, first))[3]
+    return jax.lax.fori_loop(0, piece.num_steps, step, before)
 
 
-def _residual(batch: PairBatch, time: Int[Array, ""], gap_m: Array) -> Array:
-    return jnp.sqrt(batch.weight[time]) * (gap_m - batch.gap_m[time])
+def _residual(piece: Piece, time: Int[Array, ""], gap_m: Array) -> Array:
+    return jnp.sqrt(piece.weight[time]) * (gap_m - piece.gap_m[time])
 
 
 def _follow(
-    entry: ModelEntry, bounds: Bounds, unit: Array, batch: PairBatch, time: Int[Array, ""], state: ReplayState
+    entry: ModelEntry, bounds: Bounds, units: Array, piece: Piece, time: Int[Array, ""], state: ReplayState
 ) -> ReplayState:
-    """Return the followers one step later, each with parameters of its own."""
-    values = bounds.values(unit)
-    model = entry.build({one.name: values[:, place] for place, one in enumerate(entry.parameters)})
-    leader = LeaderMotion(batch.leader_mps[time], batch.leader_acceleration_mps2[time], batch.leader_advance_m[time])
-    return follow(model, state, leader, values[:, -1], jnp.full_like(leader.speed_mps, UNIFORM), STEP_S)
+    """Return the followers one step later; each has parameters of its own in the unit cube, [parameter, ...]."""
+    ranges = (-1, *[1] * (units.ndim - 1))
+    values = bounds.lower.reshape(ranges) + units * (bounds.upper - bounds.lower).reshape(ranges)
+    model = entry.build({one.name: values[place] for place, one in enumerate(entry.parameters)})
+    leader = LeaderMotion(piece.leader_mps[time], piece.leader_acceleration_mps2[time], piece.leader_advance_m[time])
+    return follow(model, state, leader, values[-1], jnp.full_like(state.speed_mps, UNIFORM), STEP_S)

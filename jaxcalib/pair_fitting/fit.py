@@ -2,31 +2,33 @@
 
 Every pair and every start is a lane of the same two programs, one for the screen and one with derivatives. These are
 exact, by forward differentiation through the closed loop: a pair has few parameters, so that a tangent for each costs
-less than going back through the drive, and the same tangents give the uncertainty. The steps themselves are small
-linear algebra outside, so that nothing more is to be compiled.
+less than going back through the drive, and the same tangents give the uncertainty. Tiles of lanes of like length run
+in as many threads as there are cores; after a few steps only the best starts of each pair go on.
 """
 
-import functools
-from collections.abc import Callable, Iterator, Sequence
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 from scipy.stats.qmc import Sobol
 
-from jaxcalib.pair_fitting.batch import Bounds, Misfit, PairBatch, bounds_of, misfit, misfit_and_slopes, pair_batch
+from jaxcalib.pair_fitting.batch import Bounds, Misfit, bounds_of, misfit, misfit_and_slopes, pair_batch
+from jaxcalib.pair_fitting.descent import Descent, begin, descend
 from jaxcalib.pair_fitting.recorded_pairs import RecordedPair
 from surrogate.model_entry import ModelEntry
 
-NUM_SCREENED = 64
-NUM_STARTS = 4
-NUM_ITERATIONS = 12
-FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-2, 1e-6, 1e6
-DAMPING_DOWN, DAMPING_UP = 0.2, 5.0
-MOST_PLACES = 1 << 20  # pairs times steps in one batch
-SHORTEST_BATCH = 256  # steps; lengths of arrays are powers of 2 times that
+NUM_SCREENED = 128  # points of the unit cube for each pair
+POINTS_AT_ONCE, PAIRS_AT_ONCE = 32, 64  # of the program that screens
+NUM_STARTS = 6  # of each pair: the best points, and the model's usual values
+LANES = 128  # of the program with derivatives: more would leave the caches
+FIRST_STEPS = 5
+NUM_KEPT = 2  # of each pair's starts after the first steps
+LAST_STEPS = 10
 AT_BOUND = 1e-3  # of the range
 UNKNOWN_ERROR = 0.25  # of the range: a parameter with a larger standard error is not identified
 
@@ -66,15 +68,20 @@ def fit_pairs(
         seed: of the starts.
         on_pairs: told how many pairs are done.
     """
-    bounds = bounds_of(entry)
-    fits: dict[int, PairFit] = {}
-    for chosen, batch in batches(pairs):
-        units, found = _search(entry, bounds, batch, seed)
-        for lane, index in enumerate(chosen):
-            of_lane = jax.tree.map(lambda leaf, lane=lane: leaf[..., lane], found)
-            fits[index] = _judged(pairs[index], bounds, units[lane], of_lane)
-        on_pairs(len(chosen))
-    return [fits[index] for index in range(len(pairs))]
+    everyone = np.arange(len(pairs))
+    with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as threads:
+        search = _Search(entry, bounds_of(entry), pairs, threads)
+        usual = _usual(search)
+        compiled = threads.submit(search.evaluator(everyone[:LANES]), usual[:, :LANES])  # while points are screened
+        starts = np.concatenate([usual[:, None], _screened(search, seed)], axis=1)
+        compiled.result()
+        lanes = np.repeat(everyone, NUM_STARTS)
+        first = search.descend(lanes, np.moveaxis(starts, 1, 2).reshape(len(usual), -1), FIRST_STEPS)
+        best = _best_of_each(lanes, np.asarray(first.found.total), NUM_KEPT)
+        last = search.descend(lanes[best], first.take(best), LAST_STEPS, lambda number: on_pairs(number // NUM_KEPT))
+        found = last.take(_best_of_each(lanes[best], np.asarray(last.found.total), 1))
+    of_lane = [jax.tree.map(lambda leaf, lane=lane: leaf[..., lane], found.found) for lane in everyone]
+    return [_judged(pair, search.bounds, found.unit[:, lane], of_lane[lane]) for lane, pair in enumerate(pairs)]
 
 
 def mixed_errors(entry: ModelEntry, pairs: Sequence[RecordedPair], values: np.ndarray) -> np.ndarray:
@@ -84,110 +91,104 @@ def mixed_errors(entry: ModelEntry, pairs: Sequence[RecordedPair], values: np.nd
     """
     bounds = bounds_of(entry)
     lower, upper = np.asarray(bounds.lower, float), np.asarray(bounds.upper, float)
-    errors = np.empty(len(pairs))
-    for chosen, batch in batches(pairs):
-        unit = _filled((values[chosen] - lower) / (upper - lower), batch)
-        total = _misfits(entry, bounds, jnp.broadcast_to(unit, (NUM_STARTS, *unit.shape)), batch)[0]
-        errors[chosen] = np.sqrt(np.asarray(total, float)[: len(chosen)])
-    return errors
+    with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as threads:
+        search = _Search(entry, bounds, pairs, threads)
+        unit = ((values - lower) / (upper - lower)).T
+        return np.sqrt(search.misfits(np.broadcast_to(unit[:, None], (len(lower), POINTS_AT_ONCE, len(pairs))))[0])
 
 
-def batches(pairs: Sequence[RecordedPair]) -> Iterator[tuple[list[int], PairBatch]]:
-    """Yield groups of pairs of similar length, with arrays of one shape for all groups; spare lanes repeat a pair."""
-    length = SHORTEST_BATCH
-    while length < max(len(pair) for pair in pairs):
-        length *= 2
-    lanes = min(len(pairs), max(1, MOST_PLACES // length))
-    order = sorted(range(len(pairs)), key=lambda index: len(pairs[index]))
-    for begin in range(0, len(order), lanes):
-        chosen = order[begin : begin + lanes]
-        spare = [chosen[-1]] * (lanes - len(chosen))
-        yield chosen, pair_batch([pairs[index] for index in (*chosen, *spare)], length)
+@dataclass(frozen=True)
+class _Search:
+    """The two programs for some pairs, in tiles of one shape; spare lanes repeat a pair."""
+
+    entry: ModelEntry
+    bounds: Bounds
+    pairs: Sequence[RecordedPair]
+    threads: ThreadPoolExecutor
+
+    def misfits(self, units: Float[np.ndarray, "parameter point pair"]) -> Float[np.ndarray, "point pair"]:
+        """Return the misfit of each pair at points of its own, a multiple of `POINTS_AT_ONCE`."""
+
+        def of_tile(tile: np.ndarray) -> np.ndarray:
+            lanes = np.pad(np.arange(len(tile)), (0, PAIRS_AT_ONCE - len(tile)), mode="edge")
+            batch = pair_batch([self.pairs[index] for index in tile], lanes)
+            parts = np.split(units[:, :, tile[lanes]], units.shape[1] // POINTS_AT_ONCE, axis=1)
+            found = [misfit(self.entry, self.bounds, jnp.asarray(part, jnp.float32), batch) for part in parts]
+            return np.concatenate([np.asarray(one, float) for one in found])[:, : len(tile)]
+
+        total = np.empty(units.shape[1:])
+        tiles = self._tiles(np.arange(len(self.pairs)), PAIRS_AT_ONCE)
+        for tile, found in zip(tiles, self.threads.map(of_tile, tiles), strict=True):
+            total[:, tile] = found
+        return total
+
+    def evaluator(self, chosen: np.ndarray) -> Callable[[np.ndarray], Misfit]:
+        """Return what gives the misfit and its derivatives for a tile of lanes, each with a pair, at its points."""
+        distinct, lanes = np.unique(np.pad(chosen, (0, LANES - len(chosen)), mode="edge"), return_inverse=True)
+        batch = pair_batch([self.pairs[index] for index in distinct], lanes)
+
+        def evaluate(unit: np.ndarray) -> Misfit:
+            spare = np.pad(unit, ((0, 0), (0, LANES - unit.shape[1])), mode="edge")
+            found = misfit_and_slopes(self.entry, self.bounds, jnp.asarray(spare, jnp.float32), batch)
+            return jax.tree.map(lambda leaf: np.asarray(leaf, float)[..., : unit.shape[1]], found)
+
+        return evaluate
+
+    def descend(
+        self,
+        lanes: np.ndarray,
+        start: np.ndarray | Descent,
+        num_steps: int,
+        on_lanes: Callable[[int], None] = lambda number: None,
+    ) -> Descent:
+        """Return where steps lead from points, or from where a descent stands; `lanes` are the pairs."""
+
+        def of_tile(tile: np.ndarray) -> Descent:
+            evaluate = self.evaluator(lanes[tile])
+            if isinstance(start, Descent):
+                return descend(evaluate, start.take(tile), num_steps)
+            return descend(evaluate, begin(start[:, tile], evaluate(start[:, tile])), num_steps)
+
+        tiles = self._tiles(lanes, LANES)
+        found = []
+        for tile, one in zip(tiles, self.threads.map(of_tile, tiles), strict=True):
+            found.append(one)
+            on_lanes(len(tile))
+        order = np.argsort(np.concatenate(tiles))
+        return jax.tree.map(lambda *leaves: np.concatenate(leaves, axis=-1)[..., order], *found)
+
+    def _tiles(self, lanes: np.ndarray, size: int) -> list[np.ndarray]:
+        """Return places of lanes of like length, in groups; the longest come first, so that threads end together."""
+        lengths = [len(self.pairs[index]) for index in lanes]
+        order = np.argsort(lengths, kind="stable")
+        return [order[place : place + size] for place in range(0, len(order), size)][::-1]
 
 
-def _filled(unit: np.ndarray, batch: PairBatch) -> Array:
-    """Return points for all lanes of a batch; spare ones repeat the last."""
-    missing = batch.gap_m.shape[1] - len(unit)
-    return jnp.asarray(np.pad(unit, ((0, missing), (0, 0)), mode="edge"), jnp.float32)
+def _usual(search: _Search) -> Float[np.ndarray, "parameter pair"]:
+    """Return the model's usual values; each driver wants to go a little faster than his leader ever does."""
+    lower, upper = np.asarray(search.bounds.lower, float), np.asarray(search.bounds.upper, float)
+    values = np.asarray([one.usual for one in search.entry.parameters] + [0.0])
+    usual = np.tile(((values - lower) / (upper - lower))[:, None], (1, len(search.pairs)))
+    fastest = np.asarray([pair.leader_mps.max() for pair in search.pairs])
+    usual[-1] = np.clip((1.1 * fastest + 2.0 - lower[-1]) / (upper[-1] - lower[-1]), 0.0, 1.0)
+    return usual
 
 
-@functools.partial(jax.jit, static_argnums=0)
-def _misfits(
-    entry: ModelEntry, bounds: Bounds, units: Float[Array, "start pair parameter"], batch: PairBatch
-) -> Float[Array, "start pair"]:
-    return jax.vmap(lambda unit: misfit(entry, bounds, unit, batch))(units)
+def _screened(search: _Search, seed: int) -> Float[np.ndarray, "parameter start pair"]:
+    """Return the best points of a Sobol sequence for each pair."""
+    num_parameters = len(search.bounds.lower)
+    cube = Sobol(num_parameters, rng=np.random.default_rng(seed)).random(NUM_SCREENED).T
+    total = search.misfits(np.broadcast_to(cube[:, :, None], (*cube.shape, len(search.pairs))))
+    order = np.argsort(np.where(np.isfinite(total), total, np.inf), axis=0, kind="stable")
+    return cube[:, order[: NUM_STARTS - 1]]
 
 
-@functools.partial(jax.jit, static_argnums=0)
-def _misfits_and_slopes(
-    entry: ModelEntry, bounds: Bounds, units: Float[Array, "start pair parameter"], batch: PairBatch
-) -> Misfit:
-    return jax.vmap(lambda unit: misfit_and_slopes(entry, bounds, unit, batch))(units)
-
-
-def _search(entry: ModelEntry, bounds: Bounds, batch: PairBatch, seed: int) -> tuple[np.ndarray, Misfit]:
-    """Return the best point of the unit cube found for each pair, [pair, parameter], and the misfit there."""
-    num_pairs, num_parameters = batch.gap_m.shape[1], len(entry.parameters) + 1
-    lower, upper = np.asarray(bounds.lower, float), np.asarray(bounds.upper, float)
-    usual = (np.asarray([one.usual for one in entry.parameters] + [0.0]) - lower) / (upper - lower)
-    fastest = np.asarray(batch.leader_mps, float).max(axis=0)
-    usual = np.tile(usual, (num_pairs, 1))
-    usual[:, -1] = np.clip((1.1 * fastest + 2.0 - lower[-1]) / (upper[-1] - lower[-1]), 0.0, 1.0)
-    cube = Sobol(num_parameters, rng=np.random.default_rng(seed)).random(NUM_SCREENED)
-    screened = []
-    for points in cube.reshape(-1, NUM_STARTS, 1, num_parameters):
-        units = np.broadcast_to(points, (NUM_STARTS, num_pairs, num_parameters))
-        screened.append(np.asarray(_misfits(entry, bounds, jnp.asarray(units, jnp.float32), batch), float))
-    totals = np.concatenate(screened)
-    best = np.argsort(np.where(np.isfinite(totals), totals, np.inf), axis=0)[: NUM_STARTS - 1]  # [start, pair]
-    units, found = _descend(
-        lambda units: _misfits_and_slopes(entry, bounds, jnp.asarray(units, jnp.float32), batch),
-        np.concatenate([usual[None], cube[best]]),
-    )
-    chosen = np.argmin(np.where(np.isfinite(found.total), found.total, np.inf), axis=0)
-    lanes = np.arange(num_pairs)
-    return units[chosen, lanes], jax.tree.map(lambda leaf: np.moveaxis(leaf[chosen, ..., lanes], 0, -1), found)
-
-
-def _descend(evaluate: Callable[[np.ndarray], Misfit], units: np.ndarray) -> tuple[np.ndarray, Misfit]:
-    """Return where Levenberg-Marquardt steps within the unit cube lead, and the misfit there.
-
-    Args:
-        evaluate: from points, [start, pair, parameter], to their misfits.
-        units: where to begin.
-    """
-
-    def evaluated(units: np.ndarray) -> Misfit:
-        return jax.tree.map(lambda leaf: np.asarray(leaf, float), evaluate(units))
-
-    found = evaluated(units)
-    damping = np.full(units.shape[:2], FIRST_DAMPING)
-    for _ in range(NUM_ITERATIONS):
-        there = np.clip(units + np.nan_to_num(_step(units, found, damping)), 0.0, 1.0)
-        later = evaluated(there)
-        is_better = later.total < found.total  # false for what is no number
-        damping = np.clip(damping * np.where(is_better, DAMPING_DOWN, DAMPING_UP), LEAST_DAMPING, MOST_DAMPING)
-        units = np.where(is_better[..., None], there, units)
-        found = jax.tree.map(
-            lambda new, old, better=is_better: np.where(
-                better.reshape(len(better), *[1] * (new.ndim - 2), better.shape[1]), new, old
-            ),
-            later,
-            found,
-        )
-    return units, found
-
-
-def _step(units: np.ndarray, found: Misfit, damping: np.ndarray) -> np.ndarray:
-    """Return damped Gauss-Newton steps; a parameter at a bound that it would cross stays."""
-    gradient = np.moveaxis(np.nan_to_num(found.gradient), 1, -1)
-    product = np.moveaxis(np.nan_to_num(found.product), (1, 2), (-2, -1))
-    free = ~(((units <= 0.0) & (gradient > 0.0)) | ((units >= 1.0) & (gradient < 0.0)))
-    diagonal = np.diagonal(product, axis1=-2, axis2=-1)
-    scale = damping[..., None] * np.maximum(diagonal, 1e-4 * diagonal.max(axis=-1, keepdims=True)) + 1e-12
-    matrix = np.where(free[..., :, None] & free[..., None, :], product, 0.0)
-    matrix = matrix + np.eye(units.shape[-1]) * np.where(free, scale, 1.0)[..., None, :]
-    return np.linalg.solve(matrix, np.where(free, -gradient, 0.0)[..., None])[..., 0]
+def _best_of_each(lanes: np.ndarray, total: np.ndarray, count: int) -> np.ndarray:
+    """Return the places of each pair's best lanes, best first, pair after pair."""
+    order = np.lexsort((np.where(np.isfinite(total), total, np.inf), lanes))
+    num_lanes = np.bincount(lanes)
+    begins = np.append(0, np.cumsum(num_lanes)[:-1])
+    return order[(begins[:, None] + np.arange(count)).ravel()]
 
 
 def _judged(pair: RecordedPair, bounds: Bounds, unit: np.ndarray, found: Misfit) -> PairFit:
