@@ -21,6 +21,7 @@ STAGE_NAMES = {
     "null": "SUMO with the calibrated values: what chance does",
     "atlas": "what each effect would do",
     "evidence": "what the logs say",
+    "check": "the best explanations in SUMO",
     "report": "report",
 }
 PLAIN_INTERVAL_S = 30.0

@@ -16,8 +16,10 @@ import numpy as np
 from sim_adapters.demand_file import Flow
 from sim_adapters.interface import ParameterLayout
 from sim_adapters.scenario import Scenario
+from sim_adapters.sumo_effects import Draft, put_into
 from sim_adapters.sumo_files import read_xml
 from sim_adapters.units import SECONDS_PER_HOUR
+from surrogate.effects.base import EffectSetting
 
 FORCED_OPTIONS = {"time-to-teleport": "-1"}  # a vehicle that vanishes would leave a gap that nobody made
 DROPPED_OPTIONS = ("ignore-route-errors",)
@@ -49,6 +51,8 @@ def write_scenario(
     copy_net: bool = False,
     comments: Mapping[str, str] | None = None,
     head: str = "",
+    effects: Mapping[str, EffectSetting] | None = None,
+    seed: int = 0,
 ) -> WrittenScenario:
     """Write a scenario.
 
@@ -63,26 +67,34 @@ def write_scenario(
         copy_net: whether to copy the network into the folder, so that the folder can be given away.
         comments: a line for each attribute that is written beside the vTypes.
         head: comment at the top of the configuration.
+        effects: unmodelled effects to put in.
+        seed: of what effects draw.
 
     Returns:
         The files written.
+
+    Raises:
+        NotExpressibleError: SUMO has no means for an effect.
     """
     set_attributes = dict(zip(layout.attributes, values[layout.num_inputs :], strict=True))
     rates = flow_rates_vehps(scenario, layout, values)
-    vtypes: list[ET.Element] = []
-    routes: list[ET.Element] = []
+    elements: list[ET.Element] = []
+    own: set[str] = set()
     files = [*scenario.configuration.additional_files, *scenario.configuration.route_files]
     for element in [element for file in files for element in read_xml(file)]:
         element.tail = "\n"
         if element.tag == "vType" and element.get("id") in layout.vtypes:
             _set_attributes(element, set_attributes)
-            vtypes.append(element)
-            continue
+            own.add(element.get("id", ""))
         if element.tag == "flow" and element.get("id") in rates:
             _set_rate(element, scenario.flow_by_id[element.get("id", "")], rates[element.get("id", "")])
         if element.get("id") == subject_vehicle and element.tag == "vehicle":
             element.set("depart", _text(depart_s))
-        routes.append(element)
+        elements.append(element)
+    draft = Draft(scenario, elements, seed)
+    put_into(draft, effects or {})
+    vtypes = [one for one in draft.elements if one.tag.startswith("vType") and one.get("id") in own]
+    routes = [one for one in draft.elements if one not in vtypes]
     demand = folder / f"demand.{name}.rou.xml"
     vtype_file = folder / f"vtypes.{name}.add.xml"
     _write(demand, "routes", ["routes, flows and the subject vehicle; vTypes are in the .add.xml"], routes)
@@ -96,7 +108,7 @@ def write_scenario(
         "additional-files": vtype_file.name,
         "route-files": demand.name,
     }
-    _write_configuration(config, scenario, inputs, head)
+    _write_configuration(config, scenario, inputs, head, draft.processing)
     return WrittenScenario(config, demand, vtype_file)
 
 
@@ -135,13 +147,15 @@ def _set_rate(element: ET.Element, flow: Flow, rate_vehps: float) -> None:
         element.set("number", str(round(rate_vehps * (flow.end_s - flow.begin_s))))
 
 
-def _write_configuration(file: Path, scenario: Scenario, inputs: Mapping[str, str], head: str) -> None:
+def _write_configuration(
+    file: Path, scenario: Scenario, inputs: Mapping[str, str], head: str, processing: Mapping[str, str]
+) -> None:
     configuration = scenario.configuration
     root = ET.Element("configuration")
     for section, options in (
         ("input", inputs),
         ("time", {"begin": _text(configuration.begin_s), "step-length": _text(configuration.step_s)}),
-        ("processing", configuration.processing | FORCED_OPTIONS),
+        ("processing", configuration.processing | dict(processing) | FORCED_OPTIONS),
     ):
         element = ET.SubElement(root, section)
         for option, value in options.items():

@@ -146,8 +146,9 @@ class SumoSimulator:
         """Write a run's files and hand it to the pool."""
         folder = Path(tempfile.mkdtemp(prefix="run-", dir=self._scratch))
         written = write_scenario(
-            self._scenario, self._layout, request.values, request.depart_s, self._subject_vehicle, folder, "run"
-        )
+            self._scenario, self._layout, request.values, request.depart_s, self._subject_vehicle, folder, "run",
+            effects=request.effects, seed=request.seed,
+        )  # fmt: skip
         job = SumoJob(
             config=written.config,
             folder=folder,

@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from jaxcalib.diagnosis.sumo_check import Check
+
 FORMAT = 1
 LISTED_ENTRIES = 40
 
@@ -69,6 +71,7 @@ class Diagnosis:
         ranking: all explanations, best first.
         where: parts of the gap, largest first.
         how_far: gaps on held-out drives; values are None where none was held out.
+        checked_in_sumo: effects that were put into SUMO itself, and how its signatures agree with the surrogate's.
         undetectable_below: for each effect the strength below which it would go unseen; None where no strength shows.
         visible_with_three_more_drives: the same with three drives more.
         parameters: calibrated values, and those of the scenario.
@@ -84,6 +87,7 @@ class Diagnosis:
     ranking: Sequence[Ranked]
     where: Sequence[WhereEntry]
     how_far: Mapping[str, Any]
+    checked_in_sumo: Sequence[Check]
     undetectable_below: Mapping[str, float | None]
     visible_with_three_more_drives: Mapping[str, float | None]
     parameters: Mapping[str, Mapping[str, float]]

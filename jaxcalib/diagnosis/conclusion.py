@@ -14,6 +14,7 @@ from jaxcalib.diagnosis.investigation import Prepared, gain_of, shift_in_errors,
 from jaxcalib.diagnosis.ledger import LedgerEntry, make_ledger, parameter_shift
 from jaxcalib.diagnosis.noise import on_cells
 from jaxcalib.diagnosis.shrinkage import measure_shrinkage
+from jaxcalib.diagnosis.sumo_check import Check
 from jaxcalib.diagnosis.verdict import Verdict, judge
 from jaxcalib.problem import CalibrationProblem
 from surrogate.effects.registry import EFFECTS, effect_named
@@ -42,6 +43,7 @@ class Findings:
         signatures: of all effects that were tried.
         atlas: what is known of each effect beforehand.
         windows: where local effects were tried.
+        checks: effects that were put into SUMO, and how well its signatures agree with the surrogate's.
         runs: numbers of runs.
         wall_s: time of each part.
     """
@@ -58,6 +60,7 @@ class Findings:
     signatures: Mapping[str, Sequence[Signature]]
     atlas: Mapping[str, AtlasEntry]
     windows: Mapping[str, Sequence[Window]]
+    checks: Sequence[Check]
     runs: Mapping[str, int]
     wall_s: Mapping[str, float]
 
@@ -70,7 +73,9 @@ def conclude(findings: Findings) -> Diagnosis:
     """Return the diagnosis."""
     problem, fitted = findings.problem, findings.fitted
     shift = shift_in_errors(problem, findings.values, fitted)
-    verdict = judge(findings.explained, findings.least_gain, shift, len(fitted.tallies) < FEW_DRIVES)
+    verdict = judge(
+        findings.explained, findings.least_gain, len(fitted.null.cells), shift, len(fitted.tallies) < FEW_DRIVES
+    )
     layout = problem.layout
     return Diagnosis(
         verdict=verdict.kind,
@@ -79,6 +84,7 @@ def conclude(findings: Findings) -> Diagnosis:
         ranking=_ranking(findings, verdict),
         where=_where(findings.ledger(), float(np.asarray(problem.road.section_border_m)[-1])),
         how_far=_how_far(findings, verdict),
+        checked_in_sumo=tuple(findings.checks),
         undetectable_below={name: one.visible_from for name, one in findings.atlas.items()},
         visible_with_three_more_drives={name: one.visible_with_more for name, one in findings.atlas.items()},
         parameters={
@@ -116,6 +122,7 @@ def refuse(
         ranking=[Ranked(NONE, 1.0), *(Ranked(effect.name, 0.0) for effect in EFFECTS), Ranked(UNKNOWN, 0.0)],
         where=[],
         how_far=dict.fromkeys(HOW_FAR),
+        checked_in_sumo=(),
         undetectable_below=dict.fromkeys(effect.name for effect in EFFECTS),
         visible_with_three_more_drives={},
         parameters={

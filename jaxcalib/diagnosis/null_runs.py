@@ -14,6 +14,7 @@ from jaxcalib.diagnosis.identities import count_identities
 from jaxcalib.problem import CalibrationProblem
 from sim_adapters.interface import RunRequest
 from sim_adapters.sumo_simulator import SensorRange, SumoSimulator
+from surrogate.effects.base import EffectSetting
 from surrogate.perception import PerceptionFrame
 
 MOST_FAILED_SHARE = 0.5
@@ -90,6 +91,7 @@ def run_null(
     alterations: Sequence[tuple[str, float]],
     first_seed: int,
     on_runs: Callable[[int], None],
+    effects: Mapping[str, EffectSetting] | None = None,
 ) -> NullRuns:
     """Run SUMO with parameter values.
 
@@ -102,6 +104,7 @@ def run_null(
         alterations: effect and strength of each.
         first_seed: seed of the first run.
         on_runs: told of runs done.
+        effects: put into the scenario by SUMO's own means; none for the null.
 
     Raises:
         AllRunsFailedError: more than half of the runs failed.
@@ -129,7 +132,7 @@ def run_null(
     perception = problem.case.perception
     departs = sorted({drive.depart_s for drive in problem.case.drives})
     requests = [
-        RunRequest(tuple(float(value) for value in values), first_seed + run, departs[run % len(departs)])
+        RunRequest(tuple(float(one) for one in values), first_seed + run, departs[run % len(departs)], effects or {})
         for run in range(num_runs)
     ]
     outcomes = []

@@ -14,6 +14,7 @@ class DiagnosisBudget:
         slope_runs: surrogate runs of each trial of a parameter.
         effect_runs: surrogate runs of each trial of an effect.
         local_runs: the same for an effect at one place.
+        check_runs: SUMO runs with each of the best effects.
     """
 
     null_runs: int
@@ -22,6 +23,7 @@ class DiagnosisBudget:
     slope_runs: int
     effect_runs: int
     local_runs: int
+    check_runs: int
 
 
 def plan_diagnosis(scale: float) -> DiagnosisBudget:
@@ -30,4 +32,12 @@ def plan_diagnosis(scale: float) -> DiagnosisBudget:
     def scaled(number: int, least: int) -> int:
         return max(least, round(number * scale))
 
-    return DiagnosisBudget(scaled(56, 24), scaled(12, 6), scaled(12, 6), scaled(32, 12), scaled(32, 12), scaled(24, 12))
+    return DiagnosisBudget(
+        null_runs=scaled(56, 24),
+        altered_runs=scaled(12, 6),
+        default_runs=scaled(12, 6),
+        slope_runs=scaled(32, 12),
+        effect_runs=scaled(32, 12),
+        local_runs=scaled(24, 12),
+        check_runs=scaled(32, 12),
+    )

@@ -4,7 +4,6 @@ import contextlib
 import os
 import tempfile
 import time
-from collections.abc import Mapping
 from pathlib import Path
 
 import jax.numpy as jnp
@@ -17,7 +16,7 @@ from jaxcalib.diagnosis.conclusion import Findings, conclude, refuse
 from jaxcalib.diagnosis.conventions import conventions_of, expected_drivers
 from jaxcalib.diagnosis.drive_features import COARSE_S, DriveFeatures
 from jaxcalib.diagnosis.drive_table import drive_table
-from jaxcalib.diagnosis.features import DriveTallies, gather_tallies
+from jaxcalib.diagnosis.features import gather_tallies
 from jaxcalib.diagnosis.frame_recorder import FrameRecorder
 from jaxcalib.diagnosis.investigation import (
     NotTestableError,
@@ -28,9 +27,11 @@ from jaxcalib.diagnosis.investigation import (
     prepare,
 )
 from jaxcalib.diagnosis.local_search import windows_of_effects
-from jaxcalib.diagnosis.null_runs import NullRuns, alterations_of, fine_interval_s, run_null
+from jaxcalib.diagnosis.null_runs import fine_interval_s
 from jaxcalib.diagnosis.plan import plan_diagnosis
 from jaxcalib.diagnosis.stages import Stages
+from jaxcalib.diagnosis.sumo_check import Check, check_in_sumo
+from jaxcalib.diagnosis.sumo_runs import SumoRuns
 from jaxcalib.diagnosis.trials import TrialRunner
 from jaxcalib.diagnosis.verdict import LEAST_EVIDENCE
 from jaxcalib.engines import (
@@ -48,12 +49,13 @@ from jaxcalib.progress import Progress, Silent
 from jaxcalib.run_folder import RunFolder, identify, open_run_folder
 from jaxcalib.settings import Settings
 from sim_adapters.jax_simulator import JaxSimulator
+from sim_adapters.sumo_effects import is_expressible
 from surrogate.effects.registry import EFFECTS
 from surrogate.perception import Sensor
 from surrogate.world import Clock
 
 RECALIBRATION_SCALE = 0.5  # of the calibration's numbers of runs; the last step is taken on all features anyway
-NULL_SEED, DEFAULT_SEED, TRIAL_SEED = 600_000, 700_000, 800_000
+TRIAL_SEED = 800_000
 SPARE_CAPACITY = 1.8  # effects can make traffic denser
 PLACES_FOR_OBJECTS = 128
 FRAMES_STEP = 128
@@ -111,7 +113,10 @@ def _diagnose(
     num_trial_runs = (2 * num_parameters + 1) * plan.slope_runs + 2 * len(EFFECTS) * plan.effect_runs
     progress.plan(
         calibration.num_surrogate_runs + num_trial_runs,
-        calibration.confirmation_runs * calibration.confirmation_rounds + plan.null_runs + plan.default_runs,
+        calibration.confirmation_runs * calibration.confirmation_rounds
+        + plan.null_runs
+        + plan.default_runs
+        + 2 * plan.check_runs,
     )
     journal = run_folder.journal
     stopwatch = Stopwatch(journal.clock)
@@ -126,27 +131,12 @@ def _diagnose(
     background, subject = expected_drivers(problem, values)
     features = DriveFeatures(conventions_of(problem), background, subject)
     interval_s = fine_interval_s(problem)
+    key = repr(values.tolist())
 
     progress.stage("null")
     with stopwatch.time("null"):
-        strengths = {effect.name: _strengths(effect) for effect in EFFECTS}
-        alterations = alterations_of(strengths, interval_s)
-        arguments = (problem, features)
-
-        def null_tallies(where: np.ndarray, num_runs: int, num_altered: int, first: int) -> Mapping[str, DriveTallies]:
-            runs = run_null(
-                *arguments, where, num_runs, num_altered, alterations if num_altered else (), first_seed + first,
-                progress.sumo_runs,
-            )  # fmt: skip
-            altered = {f"{name} {strength!r}": tallies for (name, strength), tallies in runs.altered.items()}
-            return {"": runs.plain} | altered
-
-        key = repr(values.tolist())
-        kept = stages.tallies(f"null {key}", lambda: null_tallies(values, plan.null_runs, plan.altered_runs, NULL_SEED))
-        altered = {(name, strength): kept[f"{name} {strength!r}"] for name, strength in alterations}
-        runs = NullRuns(kept[""], altered)
-        base = problem.template.base_values()
-        default = stages.tallies(f"default {key}", lambda: null_tallies(base, plan.default_runs, 0, DEFAULT_SEED))[""]
+        in_sumo = SumoRuns(problem, features, values, plan, stages, first_seed, progress.sumo_runs)
+        runs, default = in_sumo.null(), in_sumo.default()
 
     progress.stage("atlas")
     with stopwatch.time("atlas"):
@@ -182,6 +172,22 @@ def _diagnose(
         trials = [*everywhere, *local]
         signatures = all_signatures(fitted, runs, trials, found)
         explained = explanations(problem, values, fitted, signatures, num_places)
+
+    checks: tuple[Check, ...] = ()
+    if best_gain(explained) > LEAST_EVIDENCE:
+        progress.stage("check")
+        with stopwatch.time("check"):
+            checked = check_in_sumo(
+                fitted.null,
+                runs.plain,
+                signatures,
+                lambda several: explanations(problem, values, fitted, several, num_places),
+                lambda name: is_expressible(problem.scenario, name),
+                in_sumo.with_effect,
+            )
+            explained, signatures, checks = checked.explained, checked.signatures, checked.checks
+
+    with stopwatch.time("evidence"):
         gain = best_gain(explained)
         if gain > LEAST_EVIDENCE and is_fit.sum() > 1:
             gain = min(gain, least_gain(problem, values, fitted, runs, found, signatures, num_places))
@@ -192,6 +198,7 @@ def _diagnose(
 
     num_surrogate = searched.surrogate.num_runs + sum(len(tallies) for tallies in found.values())
     num_sumo = len(searched.confirmation.outcomes) + len(runs.plain) + len(default)
+    num_sumo += sum(one.num_runs for one in checks)
     stopwatch.add("reading", 0.0)
     findings = Findings(
         problem=problem,
@@ -206,6 +213,7 @@ def _diagnose(
         signatures=signatures,
         atlas=atlas_of(signatures, fitted.null, int(is_fit.sum())),
         windows=windows,
+        checks=checks,
         runs={"surrogate": num_surrogate, "sumo": num_sumo},
         wall_s=stopwatch.wall_s | {"total": journal.clock() - began},
     )
@@ -216,11 +224,6 @@ def _diagnose(
 
     run_folder.write_text("diagnosis.html", report_html(findings, diagnosis))
     return diagnosis
-
-
-def _strengths(effect) -> tuple[float, ...]:
-    several = (effect.weak, effect.medium, effect.strong)
-    return (*several, -effect.medium) if effect.is_signed else several
 
 
 def _trial_runner(problem: CalibrationProblem, features: DriveFeatures, first_seed: int) -> TrialRunner:

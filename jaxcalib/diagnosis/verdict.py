@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.stats import chi2
 
 from jaxcalib.diagnosis.evidence import NONE, TEMPERATURE, UNKNOWN, Explained
 
@@ -16,6 +17,11 @@ ALONE = 0.8  # no more than one in five effects named alone may be a wrong one
 IN_SET = 0.9
 LARGEST_SET = 3
 MISCALIBRATED_ERRORS = 3.0
+# An explanation fits if chance leaves as large a squared misfit in one of a hundred cases; the noise model is on the
+# safe side, so that sets of null runs and right explanations leave about half of what it expects.
+CHANCE_OF_MISFIT = 0.01
+WORTH_NAMING = 0.05  # of the most likely effect's probability
+UNFIT_SHARE = 0.9  # of an effect's probability that goes to unknown where none leaves as little as noise does
 
 
 @dataclass(frozen=True)
@@ -66,12 +72,15 @@ def probabilities(explained: Sequence[Explained], least_gain: float) -> dict[str
     return dict(zip(names, values.tolist(), strict=True))
 
 
-def judge(explained: Sequence[Explained], least_gain: float, shift_errors: float, few_drives: bool) -> Verdict:
+def judge(
+    explained: Sequence[Explained], least_gain: float, num_features: int, shift_errors: float, few_drives: bool
+) -> Verdict:
     """Return the verdict.
 
     Args:
         explained: all explanations.
         least_gain: gain of the best of them over the baseline that no single drive makes.
+        num_features: behind the misfits.
         shift_errors: by how many of its errors the calibration moved the parameters away from the scenario's.
         few_drives: whether there are too few drives to name one effect.
     """
@@ -85,13 +94,18 @@ def judge(explained: Sequence[Explained], least_gain: float, shift_errors: float
             return Verdict("miscalibrated", (), probability, "The scenario's values differ from the road's; with "
                            "calibrated values nothing is left that noise does not explain.")  # fmt: skip
         return Verdict("no_gap", (), probability, "Simulation and road differ by no more than noise.")
-    if ranked[0].name == UNKNOWN:
+    effects = [one for one in ranked if one.name != UNKNOWN]
+    if probability[UNKNOWN] > sum(probability[one.name] for one in effects):
         return Verdict("unknown", (), probability, "Something is missing that is none of the known effects.")
+    most_misfit = float(chi2.isf(CHANCE_OF_MISFIT, num_features))
+    if min(_misfit(one, by_name[NONE]) for one in effects if _is_named(one, probability)) > most_misfit:
+        reason = "Something is missing, and no known effect explains it down to noise."
+        return Verdict("unknown", (), _with_unknown_first(probability), reason)
     chosen: list[str] = []
     total = 0.0
-    among = sum(probability[one.name] for one in ranked)
-    for one in ranked:
-        if one.name == UNKNOWN or len(chosen) == LARGEST_SET:
+    among = sum(probability[one.name] for one in effects)
+    for one in effects:
+        if len(chosen) == LARGEST_SET:
             break
         chosen.append(one.name)
         total += probability[one.name] / among
@@ -100,3 +114,21 @@ def judge(explained: Sequence[Explained], least_gain: float, shift_errors: float
     if len(chosen) == 1 and not few_drives:
         return Verdict("effect", tuple(chosen), probability, "One effect explains the gap best.")
     return Verdict("class", tuple(chosen), probability, "These effects cannot be told apart on these drives.")
+
+
+def _is_named(one: Explained, probability: Mapping[str, float]) -> bool:
+    """Return whether an effect is likely enough to be the answer, or part of it."""
+    best = max(value for name, value in probability.items() if name not in (NONE, UNKNOWN))
+    return probability[one.name] >= WORTH_NAMING * best
+
+
+def _misfit(one: Explained, none: Explained) -> float:
+    """Return the squared misfit that an explanation leaves; an inflow's error leaves the baseline's."""
+    return one.best_misfit if np.isfinite(one.best_misfit) else none.best_misfit
+
+
+def _with_unknown_first(probability: Mapping[str, float]) -> dict[str, float]:
+    """Return probabilities in which unknown takes what effects have that do not fit."""
+    effects = sum(value for name, value in probability.items() if name not in (NONE, UNKNOWN))
+    scaled = {name: value if name == NONE else (1.0 - UNFIT_SHARE) * value for name, value in probability.items()}
+    return scaled | {UNKNOWN: probability[UNKNOWN] + UNFIT_SHARE * effects}

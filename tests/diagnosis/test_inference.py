@@ -42,7 +42,7 @@ def test_noise_and_shifted_parameters_are_no_effect():
     for seed in range(60):
         found = explained(noise(seed))
         gain = max(one.log_evidence for one in found if one.name != NONE) - found[0].log_evidence
-        alarms += judge(found, gain, 0.0, False).kind != "no_gap"
+        alarms += judge(found, gain, SIZE, 0.0, False).kind != "no_gap"
     assert alarms / 60 <= 0.1  # what is promised of nulls
 
 
@@ -52,7 +52,7 @@ def test_an_effect_is_named_with_its_strength(name: str):
     for seed in range(12):
         found = explained(noise(seed) + 1.3 * SIGNATURES[name].shift[1])
         gain = max(one.log_evidence for one in found if one.name != NONE) - found[0].log_evidence
-        assert judge(found, gain, 0.0, False).effects == (name,)
+        assert judge(found, gain, SIZE, 0.0, False).effects == (name,)
         strengths.append(next(one.strength for one in found if one.name == name))
     assert np.mean(strengths) == pytest.approx(1.3, rel=0.15)
 
@@ -61,21 +61,34 @@ def test_what_matches_no_signature_is_unknown():
     strange = 4.0 * np.random.default_rng(99).standard_normal(SIZE)
     found = explained(noise(7) + strange)
     gain = max(one.log_evidence for one in found if one.name != NONE) - found[0].log_evidence
-    assert judge(found, gain, 0.0, False).kind == "unknown"
+    assert judge(found, gain, SIZE, 0.0, False).kind == "unknown"
+
+
+def test_a_known_effect_that_leaves_more_than_noise_is_not_named():
+    """What is there is like an effect of the library, but half of it is something else."""
+    strange = np.zeros(SIZE)
+    strange[::2] = 12.0 * np.sign(np.random.default_rng(5).standard_normal(SIZE // 2))
+    found = explained(noise(7) + 2.0 * SIGNATURES["memory"].shift[1] + strange)
+    unlikely = [one for one in found if one.name != UNKNOWN]
+    unlikely.append(explain_unknown(np.full(SIZE, 1e3), NULL, [np.ones(SIZE)]))  # only known effects are in the race
+    verdict = judge(unlikely, 500.0, SIZE, 0.0, False)
+    assert verdict.kind == "unknown"
+    assert sum(verdict.probability.values()) == pytest.approx(1.0)
+    assert max(verdict.probability, key=lambda name: verdict.probability[name]) == UNKNOWN
 
 
 def test_twins_are_a_set():
     found = explained(noise(3) + 1.3 * SIGNATURES["grade"].shift[1])
     twin = next(one for one in found if one.name == "grade")
     found.append(type(twin)(**{**vars(twin), "name": "local_speed_reduction"}))
-    verdict = judge(found, 50.0, 0.0, False)
+    verdict = judge(found, 50.0, SIZE, 0.0, False)
     assert verdict.kind == "class"
     assert set(verdict.effects) == {"grade", "local_speed_reduction"}
 
 
 def test_a_gain_that_one_drive_makes_is_no_effect():
     found = explained(noise(3) + 1.3 * SIGNATURES["grade"].shift[1])
-    assert judge(found, 1.0, 0.0, False).kind == "no_gap"
+    assert judge(found, 1.0, SIZE, 0.0, False).kind == "no_gap"
     assert probabilities(found, 1.0)[NONE] > 0.1
 
 

@@ -1,0 +1,87 @@
+"""What a diagnosis has SUMO run: the null, the scenario as it is, and the best effects; each part is made once."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from jaxcalib.diagnosis.drive_features import DriveFeatures
+from jaxcalib.diagnosis.features import DriveTallies
+from jaxcalib.diagnosis.null_runs import NullRuns, alterations_of, fine_interval_s, run_null
+from jaxcalib.diagnosis.plan import DiagnosisBudget
+from jaxcalib.diagnosis.stages import Stages
+from jaxcalib.problem import CalibrationProblem
+from surrogate.effects.base import Effect, EffectSetting
+from surrogate.effects.registry import EFFECTS
+
+NULL_SEED, DEFAULT_SEED, CHECK_SEED = 600_000, 700_000, 900_000
+
+
+@dataclass(frozen=True)
+class SumoRuns:
+    """Runs of SUMO for one set of calibrated values.
+
+    Attributes:
+        problem: the problem.
+        features: what is counted.
+        values: calibrated values.
+        plan: numbers of runs.
+        stages: keeps finished parts.
+        first_seed: of the diagnosis; each part has seeds of its own behind it.
+        on_runs: told of runs done.
+    """
+
+    problem: CalibrationProblem
+    features: DriveFeatures
+    values: np.ndarray
+    plan: DiagnosisBudget
+    stages: Stages
+    first_seed: int
+    on_runs: Callable[[int], None]
+
+    def null(self) -> NullRuns:
+        """Return runs with the calibrated values, and altered versions of some."""
+        strengths = {effect.name: _strengths(effect) for effect in EFFECTS}
+        alterations = alterations_of(strengths, fine_interval_s(self.problem))
+
+        def make() -> dict[str, DriveTallies]:
+            runs = run_null(
+                self.problem, self.features, self.values, self.plan.null_runs, self.plan.altered_runs, alterations,
+                self.first_seed + NULL_SEED, self.on_runs,
+            )  # fmt: skip
+            altered = {f"{name} {strength!r}": tallies for (name, strength), tallies in runs.altered.items()}
+            return {"": runs.plain} | altered
+
+        kept = self.stages.tallies(f"null {self._key}", make)
+        altered = {(name, strength): kept[f"{name} {strength!r}"] for name, strength in alterations}
+        return NullRuns(kept[""], altered)
+
+    def default(self) -> DriveTallies:
+        """Return runs of the scenario as it is."""
+        base = self.problem.template.base_values()
+        return self._plain("default", base, self.plan.default_runs, DEFAULT_SEED)
+
+    def with_effect(self, name: str, setting: EffectSetting) -> DriveTallies:
+        """Return runs with the calibrated values and an effect, by SUMO's own means."""
+        part = f"check {name} {setting!r}"
+        return self._plain(part, self.values, self.plan.check_runs, CHECK_SEED, {name: setting})
+
+    def _plain(
+        self, part: str, values: np.ndarray, num_runs: int, seed: int, effects: dict[str, EffectSetting] | None = None
+    ) -> DriveTallies:
+        def make() -> dict[str, DriveTallies]:
+            runs = run_null(
+                self.problem, self.features, values, num_runs, 0, (), self.first_seed + seed, self.on_runs, effects
+            )
+            return {"": runs.plain}
+
+        return self.stages.tallies(f"{part} {self._key}", make)[""]
+
+    @property
+    def _key(self) -> str:
+        return repr(self.values.tolist())
+
+
+def _strengths(effect: Effect) -> tuple[float, ...]:
+    several = (effect.weak, effect.medium, effect.strong)
+    return (*several, -effect.medium) if effect.is_signed else several
