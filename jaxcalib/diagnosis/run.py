@@ -4,6 +4,7 @@ import contextlib
 import os
 import tempfile
 import time
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import jax.numpy as jnp
@@ -11,12 +12,12 @@ import numpy as np
 
 from jaxcalib.calibration.budget import plan_budget
 from jaxcalib.diagnosis.answer import Diagnosis
-from jaxcalib.diagnosis.atlas import atlas_of, effect_trials, parameter_trials
+from jaxcalib.diagnosis.atlas import EffectTrial, atlas_of, effect_trials, parameter_trials
 from jaxcalib.diagnosis.conclusion import Findings, conclude, refuse
 from jaxcalib.diagnosis.conventions import conventions_of, expected_drivers
 from jaxcalib.diagnosis.drive_features import COARSE_S, DriveFeatures
 from jaxcalib.diagnosis.drive_table import drive_table
-from jaxcalib.diagnosis.features import gather_tallies
+from jaxcalib.diagnosis.features import DriveTallies, gather_tallies
 from jaxcalib.diagnosis.frame_recorder import FrameRecorder
 from jaxcalib.diagnosis.investigation import (
     NotTestableError,
@@ -28,6 +29,7 @@ from jaxcalib.diagnosis.investigation import (
 )
 from jaxcalib.diagnosis.local_search import windows_of_effects
 from jaxcalib.diagnosis.null_runs import fine_interval_s
+from jaxcalib.diagnosis.place_search import refine_places
 from jaxcalib.diagnosis.plan import plan_diagnosis
 from jaxcalib.diagnosis.stages import Stages
 from jaxcalib.diagnosis.sumo_check import Check, check_in_sumo
@@ -172,6 +174,20 @@ def _diagnose(
         trials = [*everywhere, *local]
         signatures = all_signatures(fitted, runs, trials, found)
         explained = explanations(problem, values, fitted, signatures, num_places)
+
+        if best_gain(explained) > LEAST_EVIDENCE:
+
+            def run_nearby(several: Sequence[EffectTrial]) -> Mapping[str, DriveTallies]:
+                """Return tallies of trials at other places, with the baseline's."""
+                made = [one.trial for one in several]
+                part = f"nearby {key} {[one.name for one in made]!r}"
+                return found | stages.tallies(part, lambda: runner.run(made, progress.surrogate_runs))
+
+            lanes = sorted({int(lane) for lane in features.road.lane_from_left})
+            signatures = refine_places(
+                fitted.difference, fitted.null, explained, signatures, values, plan.local_runs, lanes, run_nearby
+            )
+            explained = explanations(problem, values, fitted, signatures, num_places)
 
     checks: tuple[Check, ...] = ()
     if best_gain(explained) > LEAST_EVIDENCE:

@@ -20,6 +20,7 @@ MISCALIBRATED_ERRORS = 3.0
 # An explanation fits if chance leaves as large a squared misfit in one of a hundred cases; the noise model is on the
 # safe side, so that sets of null runs and right explanations leave about half of what it expects.
 CHANCE_OF_MISFIT = 0.01
+NEARLY_ALL = 0.1  # what may be left of a misfit that is nearly all explained: strong effects leave details
 WORTH_NAMING = 0.05  # of the most likely effect's probability
 UNFIT_SHARE = 0.9  # of an effect's probability that goes to unknown where none leaves as little as noise does
 
@@ -98,7 +99,8 @@ def judge(
     if probability[UNKNOWN] > sum(probability[one.name] for one in effects):
         return Verdict("unknown", (), probability, "Something is missing that is none of the known effects.")
     most_misfit = float(chi2.isf(CHANCE_OF_MISFIT, num_features))
-    if min(_misfit(one, by_name[NONE]) for one in effects if _is_named(one, probability)) > most_misfit:
+    misfit = min(_misfit(one, by_name[NONE]) for one in effects if _is_named(one, probability))
+    if misfit > max(most_misfit, NEARLY_ALL * by_name[NONE].best_misfit):
         reason = "Something is missing, and no known effect explains it down to noise."
         return Verdict("unknown", (), _with_unknown_first(probability), reason)
     chosen: list[str] = []
