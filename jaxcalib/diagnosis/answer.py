@@ -61,6 +61,21 @@ class WhereEntry:
 
 
 @dataclass(frozen=True)
+class Second:
+    """An effect that explains part of what the first leaves.
+
+    Attributes:
+        effect: its name.
+        log_evidence: natural logarithm of its evidence against that of the first alone.
+        strength: estimate, in the effect's unit.
+    """
+
+    effect: str
+    log_evidence: float
+    strength: float
+
+
+@dataclass(frozen=True)
 class Diagnosis:
     """What a diagnosis found; see docs/diagnosis.md.
 
@@ -72,6 +87,8 @@ class Diagnosis:
         where: parts of the gap, largest first.
         how_far: gaps on held-out drives; values are None where none was held out.
         checked_in_sumo: effects that were put into SUMO itself, and how its signatures agree with the surrogate's.
+        second_effect: what explains part of what the first effect leaves; None where that is noise.
+        next_steps: what to try next, in sentences.
         undetectable_below: for each effect the strength below which it would go unseen; None where no strength shows.
         visible_with_three_more_drives: the same with three drives more.
         parameters: calibrated values, and those of the scenario.
@@ -88,6 +105,8 @@ class Diagnosis:
     where: Sequence[WhereEntry]
     how_far: Mapping[str, Any]
     checked_in_sumo: Sequence[Check]
+    second_effect: Second | None
+    next_steps: Sequence[str]
     undetectable_below: Mapping[str, float | None]
     visible_with_three_more_drives: Mapping[str, float | None]
     parameters: Mapping[str, Mapping[str, float]]

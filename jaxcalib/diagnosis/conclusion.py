@@ -6,10 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from jaxcalib.diagnosis.answer import LISTED_ENTRIES, Diagnosis, Ranked, WhereEntry
+from jaxcalib.diagnosis.answer import LISTED_ENTRIES, Diagnosis, Ranked, Second, WhereEntry
 from jaxcalib.diagnosis.atlas import AtlasEntry, Window
 from jaxcalib.diagnosis.evidence import NONE, UNKNOWN, Explained, Signature
-from jaxcalib.diagnosis.features import DriveTallies
+from jaxcalib.diagnosis.features import Cell, DriveTallies
+from jaxcalib.diagnosis.further import best_effect, most_flexible_shift, next_steps, second_effect
 from jaxcalib.diagnosis.investigation import Prepared, gain_of, shift_in_errors, transfer
 from jaxcalib.diagnosis.ledger import LedgerEntry, make_ledger, parameter_shift
 from jaxcalib.diagnosis.noise import on_cells
@@ -36,6 +37,7 @@ class Findings:
         values: calibrated values.
         fitted: null model and features of the drives to fit.
         held_out: the same of held-out drives; None where there are none.
+        num_places: how many places were looked at for each local effect.
         null_runs: tallies of SUMO runs with the calibrated values.
         default: tallies of SUMO runs of the scenario as it is.
         explained: explanations, best first.
@@ -53,6 +55,7 @@ class Findings:
     values: np.ndarray
     fitted: Prepared
     held_out: Prepared | None
+    num_places: Mapping[str, int]
     null_runs: DriveTallies
     default: DriveTallies
     explained: Sequence[Explained]
@@ -77,16 +80,32 @@ def conclude(findings: Findings) -> Diagnosis:
         findings.explained, findings.least_gain, len(fitted.null.cells), shift, len(fitted.tallies) < FEW_DRIVES
     )
     layout = problem.layout
+    best = best_effect(findings.explained, verdict)
+    second = None
+    if best is not None:
+        second = second_effect(fitted.difference, fitted.null, best, findings.signatures, findings.num_places)
+    visible = {name: one.visible_from for name, one in findings.atlas.items()}
+    visible_with_more = {name: one.visible_with_more for name, one in findings.atlas.items()}
+    ledger = findings.ledger()
     return Diagnosis(
         verdict=verdict.kind,
         effects=verdict.effects,
         reason=verdict.reason,
         ranking=_ranking(findings, verdict),
-        where=_where(findings.ledger(), float(np.asarray(problem.road.section_border_m)[-1])),
+        where=_where(ledger, float(np.asarray(problem.road.section_border_m)[-1])),
         how_far=_how_far(findings, verdict),
         checked_in_sumo=tuple(findings.checks),
-        undetectable_below={name: one.visible_from for name, one in findings.atlas.items()},
-        visible_with_three_more_drives={name: one.visible_with_more for name, one in findings.atlas.items()},
+        second_effect=None if second is None else Second(second.name, second.log_evidence, second.strength),
+        next_steps=next_steps(
+            verdict,
+            second,
+            {name: list(one.alike) for name, one in findings.atlas.items()},
+            [_named_with_place(one.cell) for one in ledger[:3]],
+            visible_with_more,
+            visible,
+        ),
+        undetectable_below=visible,
+        visible_with_three_more_drives=visible_with_more,
         parameters={
             "scenario": dict(zip(layout.names, problem.template.base_values().tolist(), strict=True)),
             "calibrated": dict(zip(layout.names, findings.values.tolist(), strict=True)),
@@ -123,6 +142,8 @@ def refuse(
         where=[],
         how_far=dict.fromkeys(HOW_FAR),
         checked_in_sumo=(),
+        second_effect=None,
+        next_steps=("Record more or longer drives.",),
         undetectable_below=dict.fromkeys(effect.name for effect in EFFECTS),
         visible_with_three_more_drives={},
         parameters={
@@ -165,6 +186,10 @@ def _ranking(findings: Findings, verdict: Verdict) -> list[Ranked]:
     return sorted(ranking, key=lambda one: -one.probability)
 
 
+def _named_with_place(cell: Cell) -> str:
+    return cell.words if cell.from_m is None else f"{cell.words} ({cell.from_m:.0f} to {cell.to_m:.0f} m)"
+
+
 def _where(ledger: Sequence[LedgerEntry], length_m: float) -> list[WhereEntry]:
     listed, rest = ledger[:LISTED_ENTRIES], ledger[LISTED_ENTRIES:]
     entries = [
@@ -198,11 +223,13 @@ def _how_far(findings: Findings, verdict: Verdict) -> dict[str, Any]:
     if held_out is None:
         return dict.fromkeys(HOW_FAR) | {"reason": "no drive is held out, or too little of it is seen"}
     baseline = parameter_shift(fitted.difference, fitted.null)
-    best = next((one for one in findings.explained if verdict.effects and one.name == verdict.effects[0]), None)
+    best = best_effect(findings.explained, verdict)
     shift, steps = None, baseline
     if best is not None and best.shift is not None:
         shift = transfer(best.shift, fitted.null, held_out.null)
         steps = parameter_shift(fitted.difference - best.shift, fitted.null)
+    flexible = most_flexible_shift(fitted.difference, fitted.null, findings.signatures)
+    flexible_steps = parameter_shift(fitted.difference - flexible, fitted.null)
     found = measure_shrinkage(
         held_out.tallies,
         held_out.null,
@@ -211,6 +238,7 @@ def _how_far(findings: Findings, verdict: Verdict) -> dict[str, Any]:
         baseline,
         steps,
         shift,
+        (flexible_steps, transfer(flexible, fitted.null, held_out.null)),
         np.random.default_rng(findings.seed),
     )
     values = (
@@ -221,7 +249,10 @@ def _how_far(findings: Findings, verdict: Verdict) -> dict[str, Any]:
         found.fraction_closed,
         found.interval_90,
     )
-    return dict(zip(HOW_FAR, values, strict=True)) | {"effect": best.name if best else None}
+    return dict(zip(HOW_FAR, values, strict=True)) | {
+        "effect": best.name if best else None,
+        "gap_ceiling": found.ceiling,
+    }
 
 
 def _not_testable(findings: Findings) -> dict[str, str]:

@@ -125,18 +125,14 @@ def explain(
         medium: its medium strength, on whose scale strengths are equally likely.
         num_places: how many places and times were looked at to find the signatures' ones: looking costs.
     """
-    deviation = np.sqrt(np.diag(null.noise))
-    alike = ERRORS_ALIKE * null.noise / np.outer(deviation, deviation) + (1.0 - ERRORS_ALIKE) * np.eye(len(deviation))
+    alike = alike_errors(null)
     values, squares, strengths, places = [], [], [], []
     shifts = []
     for place, signature in enumerate(signatures):
-        tried = FIXED_STRENGTHS * signature.strengths[-1] if signature.is_fixed else np.asarray(STRENGTHS) * medium
-        if not signature.is_fixed:
-            tried = tried[tried <= MOST_STRENGTH * max(signature.strengths[-1], medium)]
+        tried = strengths_of(signature, medium)
         for strength in tried:
-            shift, error = signature.at(strength)
-            wrong = SIGNATURE_ERROR * signature.exactness * shift
-            covariance = null.covariance + np.outer(wrong, wrong) * alike + np.diag(error**2)
+            shift, uncertain = predicted(signature, strength, alike)
+            covariance = null.covariance + uncertain
             value, square = log_density(difference - shift, covariance)
             values.append(value - np.log(len(tried)))
             squares.append(square)
@@ -162,6 +158,28 @@ def explain(
         best_misfit=squares[best],
         shift=posterior @ np.asarray(shifts),
     )
+
+
+def alike_errors(null: NullModel) -> np.ndarray:
+    """Return the correlations of what a signature may be wrong by."""
+    deviation = np.sqrt(np.diag(null.noise))
+    noise = null.noise / np.outer(deviation, deviation)
+    return ERRORS_ALIKE * noise + (1.0 - ERRORS_ALIKE) * np.eye(len(deviation))
+
+
+def strengths_of(signature: Signature, medium: float) -> np.ndarray:
+    """Return the strengths at which a signature is judged, all equally likely beforehand."""
+    if signature.is_fixed:
+        return FIXED_STRENGTHS * signature.strengths[-1]
+    tried = np.asarray(STRENGTHS) * medium
+    return tried[tried <= MOST_STRENGTH * max(signature.strengths[-1], medium)]
+
+
+def predicted(signature: Signature, strength: float, alike: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return what a signature predicts at a strength, and the covariance of what it may be wrong by."""
+    shift, error = signature.at(strength)
+    wrong = SIGNATURE_ERROR * signature.exactness * shift
+    return shift, np.outer(wrong, wrong) * alike + np.diag(error**2)
 
 
 def groups_of(cells: Sequence[Cell]) -> list[np.ndarray]:

@@ -41,6 +41,14 @@ class Cell(NamedTuple):
         return self._replace(from_m=float(from_m), to_m=float(to_m))
 
     @property
+    def words(self) -> str:
+        """What it describes, for people; without place and time."""
+        parts = [self.measure.replace("_", " "), self.regime, "subject vehicle" if self.role == "subject" else ""]
+        if self.lane is not None:
+            parts.append(f"lane {self.lane} from the left")
+        return ", ".join(part for part in parts if part)
+
+    @property
     def name(self) -> str:
         """A name that tells it from all others."""
         parts = [self.channel, self.measure, self.regime, self.role]

@@ -71,7 +71,7 @@ def place_figure(ledger: list[LedgerEntry]) -> str:
 def lanes_figure(ledger: list[LedgerEntry]) -> str:
     """Return measures that are kept by lane or regime, the largest differences."""
     chosen = [one for one in ledger if one.cell.from_m is None][:16]
-    names = [_words(one) for one in chosen]
+    names = [one.cell.words for one in chosen]
     place = np.arange(len(chosen))[::-1]
 
     def draw(axes: Axes) -> None:
@@ -129,16 +129,3 @@ def waterfall_figure(diagnosis: Diagnosis) -> str:
         axes.legend(frameon=False, fontsize=8)
 
     return svg(draw, 7.2, 1.7)
-
-
-def words_of(entry: LedgerEntry) -> str:
-    """Return what an entry describes, for people."""
-    return _words(entry)
-
-
-def _words(entry: LedgerEntry) -> str:
-    cell = entry.cell
-    parts = [cell.measure.replace("_", " "), cell.regime, "subject vehicle" if cell.role == "subject" else ""]
-    if cell.lane is not None:
-        parts.append(f"lane {cell.lane} from the left")
-    return ", ".join(part for part in parts if part)

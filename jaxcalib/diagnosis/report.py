@@ -42,7 +42,7 @@ def report_html(findings: Findings, diagnosis: Diagnosis) -> str:
         lanes=Markup(figures.lanes_figure(ledger)),
         ranking=Markup(figures.ranking_figure(diagnosis)),
         waterfall=Markup(figures.waterfall_figure(diagnosis)),
-        entries=[(figures.words_of(one), one) for one in ledger[:SHOWN_ENTRIES]],
+        entries=[(one.cell.words, one) for one in ledger[:SHOWN_ENTRIES]],
         power=power_lines(diagnosis),
         number=lambda value: "-" if value is None else f"{value:.3g}",
     )

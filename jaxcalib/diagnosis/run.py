@@ -222,6 +222,7 @@ def _diagnose(
         values=values,
         fitted=fitted,
         held_out=held_out,
+        num_places=num_places,
         null_runs=runs.plain,
         default=default,
         explained=explained,

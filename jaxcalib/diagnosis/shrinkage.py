@@ -25,6 +25,7 @@ class Shrinkage:
         default: of the scenario as it is.
         recalibrated: of the calibrated simulation.
         with_effect: of that with the effect.
+        ceiling: with all effects of the library at once, each as strong as the drives to fit ask for.
         floor: what chance alone makes of it.
         fraction_closed: share of the gap above the floor that the effect closes; None where there is no such gap.
         interval_90: its interval over drives; None where one drive was held out or there is no gap.
@@ -33,6 +34,7 @@ class Shrinkage:
     default: float
     recalibrated: float
     with_effect: float
+    ceiling: float
     floor: float
     fraction_closed: float | None
     interval_90: tuple[float, float] | None
@@ -62,6 +64,7 @@ def measure_shrinkage(
     baseline_steps: np.ndarray,
     effect_steps: np.ndarray,
     effect_shift: np.ndarray | None,
+    flexible: tuple[np.ndarray, np.ndarray],
     random: np.random.Generator,
 ) -> Shrinkage:
     """Return the gaps.
@@ -74,6 +77,7 @@ def measure_shrinkage(
         baseline_steps: shift of the parameters that the drives to fit ask for, without effect.
         effect_steps: the same with the effect.
         effect_shift: what the effect adds to the features, in units of noise; None where no effect was found.
+        flexible: shift of the parameters and of the features with all effects at once.
         random: for the interval.
     """
     tallies = on_cells(held_out, null.cells)
@@ -91,6 +95,7 @@ def measure_shrinkage(
     floor = noise_floor(simulated, null, len(tallies), random)
     values = tallies.values()
     recalibrated, with_effect = gaps(values)
+    ceiling = gap(null.standardised(values) - null.slope @ flexible[0] - flexible[1])
     default = gap(null.standardised(values) - null.standardised(default_values))
     fraction, interval = None, None
     if effect_shift is not None and recalibrated > floor:
@@ -106,4 +111,4 @@ def measure_shrinkage(
             low, high = np.quantile(draws, INTERVAL)
             # more than all of a gap cannot be closed; what lies above is noise of the ratio
             interval = (float(min(low, fraction)), float(max(min(high, 1.0), fraction)))
-    return Shrinkage(default, recalibrated, with_effect, floor, fraction, interval)
+    return Shrinkage(default, recalibrated, with_effect, ceiling, floor, fraction, interval)

@@ -1,17 +1,30 @@
 """Null model, evidence, verdict and ledger on numbers whose answer is known."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from synthetic import made_up_null
 
-from jaxcalib.diagnosis.evidence import NONE, UNKNOWN, Signature, explain, explain_none, explain_unknown, groups_of
+from jaxcalib.diagnosis.evidence import (
+    NONE,
+    UNKNOWN,
+    Signature,
+    explain,
+    explain_none,
+    explain_unknown,
+    groups_of,
+    log_density,
+)
 from jaxcalib.diagnosis.features import Cell, DriveTallies
+from jaxcalib.diagnosis.further import most_flexible_shift, next_steps, second_effect
 from jaxcalib.diagnosis.ledger import make_ledger, parameter_shift, remaining_covariance
 from jaxcalib.diagnosis.ramp_inflow import explain_ramps
 from jaxcalib.diagnosis.stages import Stages
-from jaxcalib.diagnosis.verdict import judge, probabilities
+from jaxcalib.diagnosis.verdict import Verdict, judge, probabilities
+from surrogate.effects.registry import effect_named
 
 NULL = made_up_null()
 SIZE = len(NULL.cells)
@@ -156,3 +169,47 @@ def test_a_ramp_far_from_its_given_inflow_is_an_error_of_inflow():
     assert near.log_evidence < -10.0
     assert far.strength == pytest.approx(-0.55, abs=0.06)
     assert explain_ramps(-10.0, {}, 1.0) is None
+
+
+def test_a_second_effect_is_found_beside_the_first_and_not_in_its_errors():
+    both = {name: [in_own_unit(name)] for name in SIGNATURES}
+    for seed in range(4):
+        pair = noise(seed + 20) + 1.5 * SIGNATURES["grade"].shift[1] + 1.3 * SIGNATURES["memory"].shift[1]
+        singles = [explain(pair, NULL, several, effect_named(name).medium) for name, several in both.items()]
+        first = max(singles, key=lambda one: one.log_evidence)
+        second = second_effect(pair, NULL, first, both, {})
+        assert second is not None
+        assert {first.name, second.name} == {"grade", "memory"}
+    seconds = 0
+    for seed in range(20):
+        wrong = 1.0 + 0.3 * np.random.default_rng(100 + seed).standard_normal(SIZE)
+        difference = noise(seed + 20) + 1.3 * wrong * SIGNATURES["grade"].shift[1]
+        first = explain(difference, NULL, both["grade"], effect_named("grade").medium)
+        seconds += second_effect(difference, NULL, first, both, {}) is not None
+    assert seconds <= 2
+
+
+def in_own_unit(name: str) -> Signature:
+    """Return a signature whose medium strength is that of the effect library."""
+    one = SIGNATURES[name]
+    return replace(one, strengths=one.strengths * effect_named(name).medium)
+
+
+def test_all_effects_at_once_explain_at_least_what_one_does():
+    difference = noise(5) + 1.5 * SIGNATURES["keep_right"].shift[1] - 1.0 * SIGNATURES["memory"].shift[1]
+    shift = most_flexible_shift(difference, NULL, {name: [in_own_unit(name)] for name in SIGNATURES})
+    before = log_density(difference, NULL.covariance)[1]
+    alone = min(log_density(difference - 1.5 * one.shift[1], NULL.covariance)[1] for one in SIGNATURES.values())
+    assert log_density(difference - shift, NULL.covariance)[1] < min(before, alone)
+    np.testing.assert_array_equal(most_flexible_shift(difference, NULL, {}), 0.0)
+
+
+@pytest.mark.parametrize("kind", ["no_gap", "miscalibrated", "effect", "class", "unknown"])
+def test_there_is_always_something_to_try_next(kind: str):
+    effects = {"effect": ("grade",), "class": ("grade", "memory")}.get(kind, ())
+    lines = next_steps(
+        Verdict(kind, effects, {}, ""), None, {"grade": ["local_speed_reduction"]}, ["speed (200 to 400 m)", "gap"],
+        {"grade": 0.01, "memory": None}, {"grade": None, "memory": None},
+    )  # fmt: skip
+    assert lines
+    assert all(line.endswith(".") and "_" not in line for line in lines)
