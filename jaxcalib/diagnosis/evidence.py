@@ -71,12 +71,14 @@ class Explained:
 
     Attributes:
         name: effect, or none, or unknown.
-        log_evidence: logarithm of the marginal likelihood.
+        log_evidence: logarithm of the marginal likelihood; in a contest, what of it other drives confirm.
         strength: posterior mean; 0 for none and unknown.
         interval: 90 % interval of the strength.
         setting: place and time that agree best.
         best_misfit: whitened squared misfit at the best strength, and its number of features.
         shift: expected signature at the posterior.
+        cross_validated_gain: by how much it raises the log-likelihood of drives that it was not fitted to; None where
+            that was not judged.
     """
 
     name: str
@@ -86,6 +88,7 @@ class Explained:
     setting: Mapping[str, float] | None = None
     best_misfit: float = float("nan")
     shift: np.ndarray | None = None
+    cross_validated_gain: float | None = None
 
 
 def log_density(difference: np.ndarray, covariance: np.ndarray) -> tuple[float, float]:

@@ -14,7 +14,6 @@ from jaxcalib.diagnosis.atlas import (
     surrogate_signatures,
 )
 from jaxcalib.diagnosis.evidence import (
-    NONE,
     Explained,
     Signature,
     explain,
@@ -124,45 +123,6 @@ def explanations(
     return sorted(found, key=lambda one: -one.log_evidence)
 
 
-def least_gain(
-    problem: CalibrationProblem,
-    values: np.ndarray,
-    fitted: Prepared,
-    runs: NullRuns,
-    trials: Mapping[str, DriveTallies],
-    signatures: Mapping[str, Sequence[Signature]],
-    num_places: Mapping[str, int],
-) -> float:
-    """Return the gain of the best explanation over the baseline when the drive that favours it most is left out.
-
-    Jams come in some drives only, and their noise has a longer tail than any covariance tells; an effect shows in most.
-    """
-    gains = []
-    for place in range(len(fitted.tallies)):
-        others = np.setdiff1d(np.arange(len(fitted.tallies)), [place])
-        prepared = prepare(problem, fitted.tallies.take(others), runs, trials)
-        moved = {
-            name: [
-                replace(
-                    one,
-                    shift=np.stack([transfer(row, fitted.null, prepared.null) for row in one.shift]),
-                    error=np.stack([transfer(row, fitted.null, prepared.null) for row in one.error]),
-                )
-                for one in several
-            ]
-            for name, several in signatures.items()
-        }
-        found = explanations(problem, values, prepared, moved, num_places)
-        gains.append(best_gain(found))
-    return min(gains)
-
-
-def best_gain(explained: Sequence[Explained]) -> float:
-    """Return by how much the best explanation's log evidence exceeds the baseline's."""
-    none = next(one.log_evidence for one in explained if one.name == NONE)
-    return max(one.log_evidence for one in explained if one.name != NONE) - none
-
-
 def input_ratios(
     problem: CalibrationProblem, values: np.ndarray, prepared: Prepared
 ) -> tuple[dict[int, tuple[float, float]], float]:
@@ -196,6 +156,15 @@ def gain_of(one: Explained, held_out: Prepared, fitted: Prepared) -> float | Non
     extra = np.diag((0.5 * shift) ** 2)
     after, _ = log_density(held_out.difference - shift, held_out.null.covariance + extra)
     return (after - before) / len(held_out.tallies)
+
+
+def moved(signature: Signature, of: Prepared, to: Prepared) -> Signature:
+    """Return a signature in the features and units of another null model."""
+    return replace(
+        signature,
+        shift=np.stack([transfer(row, of.null, to.null) for row in signature.shift]),
+        error=np.stack([transfer(row, of.null, to.null) for row in signature.error]),
+    )
 
 
 def transfer(shift: np.ndarray, of: NullModel, to: NullModel) -> np.ndarray:

@@ -14,19 +14,13 @@ from jaxcalib.calibration.budget import plan_budget
 from jaxcalib.diagnosis.answer import Diagnosis
 from jaxcalib.diagnosis.atlas import EffectTrial, atlas_of, effect_trials, parameter_trials
 from jaxcalib.diagnosis.conclusion import Findings, conclude, refuse
+from jaxcalib.diagnosis.contest import Contest, best_gain
 from jaxcalib.diagnosis.conventions import conventions_of, expected_drivers
 from jaxcalib.diagnosis.drive_features import COARSE_S, DriveFeatures
 from jaxcalib.diagnosis.drive_table import drive_table
 from jaxcalib.diagnosis.features import DriveTallies, gather_tallies
 from jaxcalib.diagnosis.frame_recorder import FrameRecorder
-from jaxcalib.diagnosis.investigation import (
-    NotTestableError,
-    all_signatures,
-    best_gain,
-    explanations,
-    least_gain,
-    prepare,
-)
+from jaxcalib.diagnosis.investigation import NotTestableError, all_signatures, prepare
 from jaxcalib.diagnosis.local_search import windows_of_effects
 from jaxcalib.diagnosis.null_runs import fine_interval_s
 from jaxcalib.diagnosis.place_search import refine_places
@@ -173,7 +167,8 @@ def _diagnose(
         )
         trials = [*everywhere, *local]
         signatures = all_signatures(fitted, runs, trials, found)
-        explained = explanations(problem, values, fitted, signatures, num_places)
+        contest = Contest(problem, values, fitted, runs, found, num_places)
+        explained = contest.explain(signatures)
 
         if best_gain(explained) > LEAST_EVIDENCE:
 
@@ -187,7 +182,7 @@ def _diagnose(
             signatures = refine_places(
                 fitted.difference, fitted.null, explained, signatures, values, plan.local_runs, lanes, run_nearby
             )
-            explained = explanations(problem, values, fitted, signatures, num_places)
+            explained = contest.explain(signatures)
 
     checks: tuple[Check, ...] = ()
     if best_gain(explained) > LEAST_EVIDENCE:
@@ -197,7 +192,7 @@ def _diagnose(
                 fitted.null,
                 runs.plain,
                 signatures,
-                lambda several: explanations(problem, values, fitted, several, num_places),
+                contest.explain,
                 lambda name: is_expressible(problem.scenario, name),
                 in_sumo.with_effect,
             )
@@ -206,7 +201,7 @@ def _diagnose(
     with stopwatch.time("evidence"):
         gain = best_gain(explained)
         if gain > LEAST_EVIDENCE and is_fit.sum() > 1:
-            gain = min(gain, least_gain(problem, values, fitted, runs, found, signatures, num_places))
+            gain = min(gain, contest.least_gain(signatures))
         held_out = None
         if not is_fit.all():
             with contextlib.suppress(NotTestableError):
