@@ -21,6 +21,7 @@ from jaxcalib.problem import CalibrationProblem
 from surrogate.effects.registry import EFFECTS, effect_named
 
 FEW_DRIVES = 3
+MANY_FLOORS = 4.0  # gaps of null cases on four held-out drives are 1 to 2 floors
 FAR_STEPS = 3.0  # beyond them a linear shift of parameters is no longer to be trusted
 OTHER = "everything else"
 HOW_FAR = ("gap_default", "gap_recalibrated", "gap_with_effect", "noise_floor", "fraction_closed",
@@ -87,13 +88,14 @@ def conclude(findings: Findings) -> Diagnosis:
     visible = {name: one.visible_from for name, one in findings.atlas.items()}
     visible_with_more = {name: one.visible_with_more for name, one in findings.atlas.items()}
     ledger = findings.ledger()
+    how_far = _how_far(findings, verdict)
     return Diagnosis(
         verdict=verdict.kind,
         effects=verdict.effects,
         reason=verdict.reason,
         ranking=_ranking(findings, verdict),
         where=_where(ledger, float(np.asarray(problem.road.section_border_m)[-1])),
-        how_far=_how_far(findings, verdict),
+        how_far=how_far,
         checked_in_sumo=tuple(findings.checks),
         second_effect=None if second is None else Second(second.name, second.log_evidence, second.strength),
         next_steps=next_steps(
@@ -111,7 +113,7 @@ def conclude(findings: Findings) -> Diagnosis:
             "calibrated": dict(zip(layout.names, findings.values.tolist(), strict=True)),
         },
         not_testable=_not_testable(findings),
-        warnings=_warnings(findings),
+        warnings=[*_warnings(findings), *_unexplained(verdict, how_far)],
         runs=findings.runs,
         wall_s=findings.wall_s,
     )
@@ -268,6 +270,18 @@ def _not_testable(findings: Findings) -> dict[str, str]:
         else:
             reasons[effect.name] = "the logs are sampled too slowly to show it"
     return reasons
+
+
+def _unexplained(verdict: Verdict, how_far: Mapping[str, Any]) -> list[str]:
+    """Return a warning where held-out drives show a gap that the drives to fit do not."""
+    gap, floor = how_far.get("gap_recalibrated"), how_far.get("noise_floor")
+    if verdict.effects or verdict.kind == "unknown" or gap is None or floor is None or gap < MANY_FLOORS * floor:
+        return []
+    return [
+        f"the held-out drives depart from the calibrated simulation by {gap / floor:.0f} times what chance does, the "
+        "drives to fit do not: jams that come on some days only, or an effect that shows on those days only; more "
+        "drives would tell."
+    ]
 
 
 def _warnings(findings: Findings) -> list[str]:
