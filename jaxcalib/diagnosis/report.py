@@ -87,9 +87,9 @@ def power_lines(diagnosis: Diagnosis) -> list[tuple[str, str]]:
         more = diagnosis.visible_with_three_more_drives.get(name)
         if least is None:
             text = "could not be seen on these drives at any strength in its range"
-            text += f"; three more drives would show {more:.2g}" if more is not None else ""
+            text += f"; three more drives would show {more:.3g}" if more is not None else ""
         else:
-            text = f"below {least:.2g} it could not be seen on these drives"
-            text += f"; three more would show {more:.2g}" if more is not None and more < 0.98 * least else ""
+            text = f"below {least:.3g} it could not be seen on these drives"
+            text += f"; three more would show {more:.3g}" if more is not None and more < 0.98 * least else ""
         lines.append((name, f"{text} ({effect.unit})"))
     return lines
