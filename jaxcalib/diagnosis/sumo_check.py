@@ -28,14 +28,15 @@ class Check:
         effect: its name.
         strength: at which it was put in.
         num_runs: SUMO runs.
-        agreement: cosine between the surrogate's signature and SUMO's, features weighed by the null model's precision.
+        agreement: cosine between the surrogate's signature and SUMO's, features weighed by the null model's precision;
+            None where SUMO's is not longer than its noise.
         size_ratio: length of SUMO's signature over that of the surrogate's, weighed likewise, its noise taken off.
     """
 
     effect: str
     strength: float
     num_runs: int
-    agreement: float
+    agreement: float | None
     size_ratio: float
 
 
@@ -161,11 +162,12 @@ def _check(
     seen = np.where(np.isfinite(error), shift, own)
     noise = float(np.diag(precision) @ np.where(np.isfinite(error), error, 0.0) ** 2)
     along, size = float(own @ precision @ seen), float(own @ precision @ own)
-    other = max(float(seen @ precision @ seen) - noise, 1e-9)
+    other = float(seen @ precision @ seen) - noise
+    is_above_noise = other > 0.0 and size > 0.0
     return Check(
         effect=effect,
         strength=float(best.sign * strength),
         num_runs=num_runs,
-        agreement=float(np.clip(along / np.sqrt(max(size, 1e-9) * other), -1.0, 1.0)),
-        size_ratio=float(np.sqrt(other / max(size, 1e-9))),
+        agreement=float(np.clip(along / np.sqrt(size * other), -1.0, 1.0)) if is_above_noise else None,
+        size_ratio=float(np.sqrt(other / size)) if is_above_noise else 0.0,
     )

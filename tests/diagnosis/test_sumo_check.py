@@ -70,5 +70,6 @@ def test_the_right_effect_overtakes_one_that_the_surrogate_favours():
     assert checked.explained[0].strength == pytest.approx(1.2, rel=0.25)
     (check,) = checked.checks
     assert (check.effect, check.num_runs) == ("memory", NUM_RUNS)
+    assert check.agreement is not None
     assert 0.3 < check.agreement <= 1.0
     assert checked.signatures["grade"] == signatures["grade"]
