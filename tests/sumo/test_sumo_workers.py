@@ -113,8 +113,8 @@ def lost_configuration(monkeypatch: pytest.MonkeyPatch) -> list[Path]:
     """Take each configuration away as soon as it is written."""
     lost: list[Path] = []
 
-    def write_and_lose(*arguments: Any) -> WrittenScenario:
-        written = write_scenario(*arguments)
+    def write_and_lose(*arguments: Any, **options: Any) -> WrittenScenario:
+        written = write_scenario(*arguments, **options)
         written.config.unlink()
         lost.append(written.config)
         return written
