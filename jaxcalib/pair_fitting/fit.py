@@ -26,9 +26,10 @@ NUM_SCREENED = 128  # points of the unit cube for each pair
 POINTS_AT_ONCE, PAIRS_AT_ONCE = 32, 64  # of the program that screens
 NUM_STARTS = 6  # of each pair: the best points, and the model's usual values
 LANES = 128  # of the program with derivatives: more would leave the caches
-FIRST_STEPS = 5
+FIRST_STEPS = 4
 NUM_KEPT = 2  # of each pair's starts after the first steps
-LAST_STEPS = 10
+LAST_STEPS = 8
+NUM_THREADS = len(os.sched_getaffinity(0))
 AT_BOUND = 1e-3  # of the range
 UNKNOWN_ERROR = 0.25  # of the range: a parameter with a larger standard error is not identified
 
@@ -69,7 +70,7 @@ def fit_pairs(
         on_pairs: told how many pairs are done.
     """
     everyone = np.arange(len(pairs))
-    with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as threads:
+    with ThreadPoolExecutor(NUM_THREADS) as threads:
         search = _Search(entry, bounds_of(entry), pairs, threads)
         usual = _usual(search)
         compiled = threads.submit(search.evaluator(everyone[:LANES]), usual[:, :LANES])  # while points are screened
@@ -91,7 +92,7 @@ def mixed_errors(entry: ModelEntry, pairs: Sequence[RecordedPair], values: np.nd
     """
     bounds = bounds_of(entry)
     lower, upper = np.asarray(bounds.lower, float), np.asarray(bounds.upper, float)
-    with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as threads:
+    with ThreadPoolExecutor(NUM_THREADS) as threads:
         search = _Search(entry, bounds, pairs, threads)
         unit = ((values - lower) / (upper - lower)).T
         return np.sqrt(search.misfits(np.broadcast_to(unit[:, None], (len(lower), POINTS_AT_ONCE, len(pairs))))[0])
@@ -161,6 +162,7 @@ class _Search:
         """Return places of lanes of like length, in groups; the longest come first, so that threads end together."""
         lengths = [len(self.pairs[index]) for index in lanes]
         order = np.argsort(lengths, kind="stable")
+        size = min(size, -(-len(order) // NUM_THREADS))  # few lanes keep all cores busy, too
         return [order[place : place + size] for place in range(0, len(order), size)][::-1]
 
 
