@@ -176,7 +176,8 @@ def _diagnose(
                 """Return tallies of trials at other places, with the baseline's."""
                 made = [one.trial for one in several]
                 part = f"nearby {key} {[one.name for one in made]!r}"
-                return found | stages.tallies(part, lambda: runner.run(made, progress.surrogate_runs))
+                found.update(stages.tallies(part, lambda: runner.run(made, progress.surrogate_runs)))
+                return found
 
             lanes = sorted({int(lane) for lane in features.road.lane_from_left})
             signatures = refine_places(

@@ -55,7 +55,7 @@ class Checked:
     checks: tuple[Check, ...]
 
 
-Run = Callable[[str, EffectSetting], DriveTallies]
+Run = Callable[[str, EffectSetting], DriveTallies | None]
 Explain = Callable[[Mapping[str, Sequence[Signature]]], Sequence[Explained]]
 
 
@@ -75,19 +75,22 @@ def check_in_sumo(
         signatures: of all effects.
         explain: from signatures to explanations, best first.
         is_expressible: whether SUMO can express an effect.
-        run: makes SUMO's runs with an effect.
+        run: makes SUMO's runs with an effect; None where they fail, and the surrogate's word must do.
     """
     found = dict(signatures)
     explained = list(explain(found))
     checks: list[Check] = []
+    done: set[str] = set()
     for _ in range(NUM_CHECKED):
-        done = {check.effect for check in checks}
         one = next((one for one in _contenders(explained) if one.name not in done and is_expressible(one.name)), None)
         if one is None:
             break
+        done.add(one.name)
         best = _signature_of(found[one.name], one)
         strength = best.strengths[-1] if best.is_fixed else abs(one.strength)
         tallies = run(one.name, EffectSetting(best.sign * strength))
+        if tallies is None:
+            continue
         shift, error = measured_signature(tallies, plain, null)
         checks.append(_check(one.name, best, strength, shift, error, null, len(tallies)))
         found[one.name] = [corrected(each, best, strength, shift, error) for each in found[one.name]]

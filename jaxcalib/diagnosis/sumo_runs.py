@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from jaxcalib.calibration.evaluator import AllRunsFailedError
 from jaxcalib.diagnosis.drive_features import DriveFeatures
 from jaxcalib.diagnosis.features import DriveTallies
 from jaxcalib.diagnosis.null_runs import NullRuns, alterations_of, fine_interval_s, run_null
@@ -61,10 +62,16 @@ class SumoRuns:
         base = self.problem.template.base_values()
         return self._plain("default", base, self.plan.default_runs, DEFAULT_SEED)
 
-    def with_effect(self, name: str, setting: EffectSetting) -> DriveTallies:
-        """Return runs with the calibrated values and an effect, by SUMO's own means."""
+    def with_effect(self, name: str, setting: EffectSetting) -> DriveTallies | None:
+        """Return runs with the calibrated values and an effect, by SUMO's own means; None where they fail.
+
+        An effect may fill the road until the subject vehicle cannot enter.
+        """
         part = f"check {name} {setting!r}"
-        return self._plain(part, self.values, self.plan.check_runs, CHECK_SEED, {name: setting})
+        try:
+            return self._plain(part, self.values, self.plan.check_runs, CHECK_SEED, {name: setting})
+        except AllRunsFailedError:
+            return None
 
     def _plain(
         self, part: str, values: np.ndarray, num_runs: int, seed: int, effects: dict[str, EffectSetting] | None = None

@@ -73,3 +73,20 @@ def test_the_right_effect_overtakes_one_that_the_surrogate_favours():
     assert check.agreement is not None
     assert 0.3 < check.agreement <= 1.0
     assert checked.signatures["grade"] == signatures["grade"]
+
+
+def test_what_fails_in_sumo_keeps_the_surrogate_s_signature():
+    signatures = {"memory": [signature("memory", WRONG)], "keep_right": [signature("keep_right", DIRECTION)]}
+    asked = []
+
+    def explained(several):
+        found = [explain(2.0 * DIRECTION, NULL, one, 1.0) for one in several.values()]
+        return sorted([*found, explain_none(2.0 * DIRECTION, NULL)], key=lambda one: -one.log_evidence)
+
+    def run(name: str, setting) -> None:
+        asked.append((name, setting))
+
+    checked = check_in_sumo(NULL, runs(np.zeros(SIZE), 4), signatures, explained, lambda name: True, run)
+    assert sorted(name for name, _ in asked) == ["keep_right", "memory"]
+    assert checked.checks == ()
+    assert checked.signatures == signatures
