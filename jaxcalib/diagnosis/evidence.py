@@ -28,6 +28,7 @@ TEMPERATURE = 4.0
 STRENGTHS = (0.15, 0.3, 0.5, 0.75, 1.0, 1.4, 1.8, 2.2)  # of medium, whose signatures are measured at medium and strong
 FIXED_STRENGTHS = np.asarray((0.6, 1.0))
 UNKNOWN_SIZES = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0)
+NEARLY_ALL = 0.1  # what may be left of a misfit that counts as explained: strong effects leave details
 NONE, UNKNOWN = "none", "unknown"
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import chi2
 
-from jaxcalib.diagnosis.evidence import NONE, TEMPERATURE, UNKNOWN, Explained
+from jaxcalib.diagnosis.evidence import NEARLY_ALL, NONE, TEMPERATURE, UNKNOWN, Explained
 
 PRIOR_NONE, PRIOR_UNKNOWN = 0.5, 0.1
 # Natural logarithm of the evidence ratio that an effect needs against the baseline: "very strong" for Kass & Raftery.
@@ -20,7 +20,6 @@ MISCALIBRATED_ERRORS = 3.0
 # An explanation fits if chance leaves as large a squared misfit in one of a hundred cases; the noise model is on the
 # safe side, so that sets of null runs and right explanations leave about half of what it expects.
 CHANCE_OF_MISFIT = 0.01
-NEARLY_ALL = 0.1  # what may be left of a misfit that is nearly all explained: strong effects leave details
 WORTH_NAMING = 0.05  # of the most likely effect's probability
 UNFIT_SHARE = 0.9  # of an effect's probability that goes to unknown where none leaves as little as noise does
 

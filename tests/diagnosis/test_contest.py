@@ -7,7 +7,7 @@ import pytest
 from synthetic import made_up_null
 
 from jaxcalib.diagnosis.atlas import Slopes
-from jaxcalib.diagnosis.contest import best_gain, confirmed
+from jaxcalib.diagnosis.contest import best_gain, confirmed, nearly_explained
 from jaxcalib.diagnosis.cross_validation import cross_validated_gains
 from jaxcalib.diagnosis.evidence import NONE, UNKNOWN, Explained, Signature
 from jaxcalib.diagnosis.features import DriveTallies
@@ -78,3 +78,18 @@ def test_evidence_counts_as_far_as_it_is_confirmed():
     assert [one.name for one in judged][:2] == ["memory", "keep_right"]
     assert best_gain(judged) == pytest.approx(40.0)
     assert confirmed(found, {}) == sorted(found, key=lambda one: -one.log_evidence)
+
+
+def test_unknown_has_no_case_where_an_effect_explains_nearly_all():
+    def judged(misfit: float) -> dict[str, float]:
+        found = [
+            Explained(UNKNOWN, 900.0, best_misfit=40.0),
+            Explained("memory", 800.0, 0.5, best_misfit=misfit),
+            Explained(NONE, 100.0, best_misfit=2000.0),
+        ]
+        return {one.name: one.log_evidence for one in nearly_explained(found)}
+
+    assert judged(150.0) == {"memory": 800.0, UNKNOWN: 100.0, NONE: 100.0}
+    assert judged(450.0)[UNKNOWN] == 900.0
+    nothing = [Explained(NONE, 100.0, best_misfit=80.0), Explained("memory", 99.0, 0.1, best_misfit=5.0)]
+    assert nearly_explained(nothing) == nothing
