@@ -1,76 +1,27 @@
 """Puts verdict, ranking, ledger and shrinkage together."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from jaxcalib.diagnosis.answer import LISTED_ENTRIES, Diagnosis, Ranked, Second, WhereEntry
-from jaxcalib.diagnosis.atlas import AtlasEntry, Window
-from jaxcalib.diagnosis.evidence import NONE, UNKNOWN, Explained, Signature
-from jaxcalib.diagnosis.features import Cell, DriveTallies
+from jaxcalib.diagnosis.evidence import NONE, UNKNOWN
+from jaxcalib.diagnosis.features import Cell
+from jaxcalib.diagnosis.findings import Findings
 from jaxcalib.diagnosis.further import best_effect, most_flexible_shift, next_steps, second_effect
-from jaxcalib.diagnosis.investigation import Prepared, gain_of, shift_in_errors, transfer
-from jaxcalib.diagnosis.ledger import LedgerEntry, make_ledger, parameter_shift
+from jaxcalib.diagnosis.investigation import gain_of, shift_in_errors, transfer
+from jaxcalib.diagnosis.ledger import LedgerEntry, parameter_shift
 from jaxcalib.diagnosis.noise import on_cells
+from jaxcalib.diagnosis.remarks import FEW_DRIVES, not_testable, unexplained, warnings_of
 from jaxcalib.diagnosis.shrinkage import measure_shrinkage
-from jaxcalib.diagnosis.sumo_check import Check
 from jaxcalib.diagnosis.verdict import Verdict, judge
 from jaxcalib.problem import CalibrationProblem
 from surrogate.effects.registry import EFFECTS, effect_named
 
-FEW_DRIVES = 3
-MANY_FLOORS = 4.0  # gaps of null cases on four held-out drives are 1 to 2 floors
-FAR_STEPS = 3.0  # beyond them a linear shift of parameters is no longer to be trusted
 OTHER = "everything else"
 HOW_FAR = ("gap_default", "gap_recalibrated", "gap_with_effect", "noise_floor", "fraction_closed",
            "fraction_closed_ci90")  # fmt: skip
-
-
-@dataclass(frozen=True)
-class Findings:
-    """All that a diagnosis knows.
-
-    Attributes:
-        problem: the problem.
-        seed: of the random numbers.
-        values: calibrated values.
-        fitted: null model and features of the drives to fit.
-        held_out: the same of held-out drives; None where there are none.
-        num_places: how many places were looked at for each local effect.
-        null_runs: tallies of SUMO runs with the calibrated values.
-        default: tallies of SUMO runs of the scenario as it is.
-        explained: explanations, best first.
-        least_gain: gain in log evidence of the best explanation, without the drive that favours it most.
-        signatures: of all effects that were tried.
-        atlas: what is known of each effect beforehand.
-        windows: where local effects were tried.
-        checks: effects that were put into SUMO, and how well its signatures agree with the surrogate's.
-        runs: numbers of runs.
-        wall_s: time of each part.
-    """
-
-    problem: CalibrationProblem
-    seed: int
-    values: np.ndarray
-    fitted: Prepared
-    held_out: Prepared | None
-    num_places: Mapping[str, int]
-    null_runs: DriveTallies
-    default: DriveTallies
-    explained: Sequence[Explained]
-    least_gain: float
-    signatures: Mapping[str, Sequence[Signature]]
-    atlas: Mapping[str, AtlasEntry]
-    windows: Mapping[str, Sequence[Window]]
-    checks: Sequence[Check]
-    runs: Mapping[str, int]
-    wall_s: Mapping[str, float]
-
-    def ledger(self) -> list[LedgerEntry]:
-        """Return where the gap lies on the drives to fit."""
-        return make_ledger(self.fitted.tallies.values(), self.fitted.null, np.random.default_rng(self.seed))
 
 
 def conclude(findings: Findings) -> Diagnosis:
@@ -112,8 +63,8 @@ def conclude(findings: Findings) -> Diagnosis:
             "scenario": dict(zip(layout.names, problem.template.base_values().tolist(), strict=True)),
             "calibrated": dict(zip(layout.names, findings.values.tolist(), strict=True)),
         },
-        not_testable=_not_testable(findings),
-        warnings=[*_warnings(findings), *_unexplained(verdict, how_far)],
+        not_testable=not_testable(findings),
+        warnings=[*warnings_of(findings), *unexplained(verdict, how_far)],
         runs=findings.runs,
         wall_s=findings.wall_s,
     )
@@ -255,56 +206,3 @@ def _how_far(findings: Findings, verdict: Verdict) -> dict[str, Any]:
         "effect": best.name if best else None,
         "gap_ceiling": found.ceiling,
     }
-
-
-def _not_testable(findings: Findings) -> dict[str, str]:
-    reasons = {}
-    tested = {one.name for one in findings.explained}
-    for effect in EFFECTS:
-        if effect.name in tested:
-            continue
-        if effect.name == "ramp_inflow_error":
-            reasons[effect.name] = "the scenario has no ramp whose inflow is an input"
-        elif effect.has_place or effect.has_time:
-            reasons[effect.name] = "at no place and time do the drives depart from the simulation in its direction"
-        else:
-            reasons[effect.name] = "the logs are sampled too slowly to show it"
-    return reasons
-
-
-def _unexplained(verdict: Verdict, how_far: Mapping[str, Any]) -> list[str]:
-    """Return a warning where held-out drives show a gap that the drives to fit do not."""
-    gap, floor = how_far.get("gap_recalibrated"), how_far.get("noise_floor")
-    if verdict.effects or verdict.kind == "unknown" or gap is None or floor is None or gap < MANY_FLOORS * floor:
-        return []
-    return [
-        f"the held-out drives depart from the calibrated simulation by {gap / floor:.0f} times what chance does, the "
-        "drives to fit do not: jams that come on some days only, or an effect that shows on those days only; more "
-        "drives would tell."
-    ]
-
-
-def _warnings(findings: Findings) -> list[str]:
-    warnings = list(findings.problem.warnings())
-    num_drives = len(findings.fitted.tallies)
-    if num_drives < FEW_DRIVES:
-        warnings.append(
-            f"case.toml: {num_drives} drives to fit; effects at one place, at one time and in memory look alike on so "
-            "few, so the answer is a set."
-        )
-    shift = parameter_shift(findings.fitted.difference, findings.fitted.null)
-    far = [name for name, one in zip(findings.problem.layout.names, shift, strict=True) if abs(one) > FAR_STEPS]
-    if far:
-        warnings.append(
-            f"the recalibration had not converged, or an effect bends it: {', '.join(far)} would move farther on all "
-            "features; slopes may be too coarse there."
-        )
-    if findings.held_out is None:
-        warnings.append("case.toml: no drive is held out; how far the gap shrinks is not told.")
-    departs = {drive.depart_s for drive in findings.problem.case.drives}
-    if len(departs) == 1:
-        warnings.append(
-            "case.toml: all drives depart at the same time, so place and time go together: grade, local speed "
-            "reduction and rubbernecking cannot be separated."
-        )
-    return warnings

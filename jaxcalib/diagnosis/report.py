@@ -7,7 +7,7 @@ from markupsafe import Markup
 
 from jaxcalib.diagnosis import figures
 from jaxcalib.diagnosis.answer import Diagnosis
-from jaxcalib.diagnosis.conclusion import Findings
+from jaxcalib.diagnosis.findings import Findings
 from surrogate.effects.registry import EFFECTS, effect_named
 
 TEMPLATE = "template.html.j2"

@@ -13,12 +13,13 @@ import numpy as np
 from jaxcalib.calibration.budget import plan_budget
 from jaxcalib.diagnosis.answer import Diagnosis
 from jaxcalib.diagnosis.atlas import EffectTrial, atlas_of, effect_trials, parameter_trials
-from jaxcalib.diagnosis.conclusion import Findings, conclude, refuse
+from jaxcalib.diagnosis.conclusion import conclude, refuse
 from jaxcalib.diagnosis.contest import Contest, best_gain
 from jaxcalib.diagnosis.conventions import conventions_of, expected_drivers
 from jaxcalib.diagnosis.drive_features import COARSE_S, DriveFeatures
 from jaxcalib.diagnosis.drive_table import drive_table
 from jaxcalib.diagnosis.features import DriveTallies, gather_tallies
+from jaxcalib.diagnosis.findings import Findings
 from jaxcalib.diagnosis.frame_recorder import FrameRecorder
 from jaxcalib.diagnosis.investigation import NotTestableError, all_signatures, prepare
 from jaxcalib.diagnosis.local_search import windows_of_effects

@@ -1,0 +1,59 @@
+"""All that a diagnosis has found out before it is put into words."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from jaxcalib.diagnosis.atlas import AtlasEntry, Window
+from jaxcalib.diagnosis.evidence import Explained, Signature
+from jaxcalib.diagnosis.features import DriveTallies
+from jaxcalib.diagnosis.investigation import Prepared
+from jaxcalib.diagnosis.ledger import LedgerEntry, make_ledger
+from jaxcalib.diagnosis.sumo_check import Check
+from jaxcalib.problem import CalibrationProblem
+
+
+@dataclass(frozen=True)
+class Findings:
+    """All that a diagnosis knows.
+
+    Attributes:
+        problem: the problem.
+        seed: of the random numbers.
+        values: calibrated values.
+        fitted: null model and features of the drives to fit.
+        held_out: the same of held-out drives; None where there are none.
+        num_places: how many places were looked at for each local effect.
+        null_runs: tallies of SUMO runs with the calibrated values.
+        default: tallies of SUMO runs of the scenario as it is.
+        explained: explanations, best first.
+        least_gain: gain in log evidence of the best explanation, without the drive that favours it most.
+        signatures: of all effects that were tried.
+        atlas: what is known of each effect beforehand.
+        windows: where local effects were tried.
+        checks: effects that were put into SUMO, and how well its signatures agree with the surrogate's.
+        runs: numbers of runs.
+        wall_s: time of each part.
+    """
+
+    problem: CalibrationProblem
+    seed: int
+    values: np.ndarray
+    fitted: Prepared
+    held_out: Prepared | None
+    num_places: Mapping[str, int]
+    null_runs: DriveTallies
+    default: DriveTallies
+    explained: Sequence[Explained]
+    least_gain: float
+    signatures: Mapping[str, Sequence[Signature]]
+    atlas: Mapping[str, AtlasEntry]
+    windows: Mapping[str, Sequence[Window]]
+    checks: Sequence[Check]
+    runs: Mapping[str, int]
+    wall_s: Mapping[str, float]
+
+    def ledger(self) -> list[LedgerEntry]:
+        """Return where the gap lies on the drives to fit."""
+        return make_ledger(self.fitted.tallies.values(), self.fitted.null, np.random.default_rng(self.seed))

@@ -1,0 +1,68 @@
+"""What a user should know of a diagnosis beside its answer: what could not be judged, and what to be careful of."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from jaxcalib.diagnosis.findings import Findings
+from jaxcalib.diagnosis.ledger import parameter_shift
+from jaxcalib.diagnosis.verdict import Verdict
+from surrogate.effects.registry import EFFECTS
+
+FEW_DRIVES = 3
+FAR_STEPS = 3.0  # beyond them a linear shift of parameters is no longer to be trusted
+MANY_FLOORS = 4.0  # gaps of null cases on four held-out drives are 1 to 2 floors
+
+
+def not_testable(findings: Findings) -> dict[str, str]:
+    """Return the effects that could not be judged, each with the reason."""
+    reasons = {}
+    tested = {one.name for one in findings.explained}
+    for effect in EFFECTS:
+        if effect.name in tested:
+            continue
+        if effect.name == "ramp_inflow_error":
+            reasons[effect.name] = "the scenario has no ramp whose inflow is an input"
+        elif effect.has_place or effect.has_time:
+            reasons[effect.name] = "at no place and time do the drives depart from the simulation in its direction"
+        else:
+            reasons[effect.name] = "the logs are sampled too slowly to show it"
+    return reasons
+
+
+def unexplained(verdict: Verdict, how_far: Mapping[str, Any]) -> list[str]:
+    """Return a warning where held-out drives show a gap that the drives to fit do not."""
+    gap, floor = how_far.get("gap_recalibrated"), how_far.get("noise_floor")
+    if verdict.effects or verdict.kind == "unknown" or gap is None or floor is None or gap < MANY_FLOORS * floor:
+        return []
+    return [
+        f"the held-out drives depart from the calibrated simulation by {gap / floor:.0f} times what chance does, the "
+        "drives to fit do not: jams that come on some days only, or an effect that shows on those days only; more "
+        "drives would tell."
+    ]
+
+
+def warnings_of(findings: Findings) -> list[str]:
+    """Return what a user should know of drives and calibration."""
+    warnings = list(findings.problem.warnings())
+    num_drives = len(findings.fitted.tallies)
+    if num_drives < FEW_DRIVES:
+        warnings.append(
+            f"case.toml: {num_drives} drives to fit; effects at one place, at one time and in memory look alike on so "
+            "few, so the answer is a set."
+        )
+    shift = parameter_shift(findings.fitted.difference, findings.fitted.null)
+    far = [name for name, one in zip(findings.problem.layout.names, shift, strict=True) if abs(one) > FAR_STEPS]
+    if far:
+        warnings.append(
+            f"the recalibration had not converged, or an effect bends it: {', '.join(far)} would move farther on all "
+            "features; slopes may be too coarse there."
+        )
+    if findings.held_out is None:
+        warnings.append("case.toml: no drive is held out; how far the gap shrinks is not told.")
+    departs = {drive.depart_s for drive in findings.problem.case.drives}
+    if len(departs) == 1:
+        warnings.append(
+            "case.toml: all drives depart at the same time, so place and time go together: grade, local speed "
+            "reduction and rubbernecking cannot be separated."
+        )
+    return warnings
