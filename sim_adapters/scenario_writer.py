@@ -88,10 +88,11 @@ def write_scenario(
             own.add(element.get("id", ""))
         if element.tag == "flow" and element.get("id") in rates:
             _set_rate(element, scenario.flow_by_id[element.get("id", "")], rates[element.get("id", "")])
-        if element.get("id") == subject_vehicle and element.tag == "vehicle":
+        if element.get("id") == subject_vehicle and element.tag in ("vehicle", "trip"):
             element.set("depart", _text(depart_s))
         elements.append(element)
-    draft = Draft(scenario, elements, seed)
+    all_rates = {flow.id: rates.get(flow.id, flow.rate_vehps) for flow in scenario.flows}
+    draft = Draft(scenario, elements, seed, all_rates)
     put_into(draft, effects or {})
     vtypes = [one for one in draft.elements if one.tag.startswith("vType") and one.get("id") in own]
     routes = [one for one in draft.elements if one not in vtypes]

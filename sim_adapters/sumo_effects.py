@@ -23,10 +23,10 @@ from surrogate.effects.heavy_vehicles import (
     TIME_GAP_FACTOR,
     TOP_SPEED_MPS,
 )
+from surrogate.effects.memory import MEMORY
 from surrogate.effects.platooned_arrivals import HEADWAY_S, REGULAR_SHARE, SIZE
 
 NUM_TYPES = 40  # of drivers who differ
-MEMORY_S = 60.0
 # What a driver's time gap, acceleration and deceleration are called, by car-following model.
 HABITS = {
     "IDM": ("tau", "accel", "decel"),
@@ -53,6 +53,7 @@ class Draft:
     scenario: Scenario
     elements: list[ET.Element]
     seed: int
+    rates_vehps: Mapping[str, float]
     processing: dict[str, str] = field(default_factory=dict)
 
     @property
@@ -142,12 +143,17 @@ def _driver_heterogeneity(draft: Draft, setting: EffectSetting) -> None:
 
 
 def _memory(draft: Draft, setting: EffectSetting) -> None:
+    given_s = setting.time_constant_s
+    adapt_s = MEMORY.default_time_constant_s if given_s is None else given_s
     for vtype in draft.vtypes(draft.background):
         if draft.scenario.model_of(vtype.get("id", "")) != "IDM":
             raise NotExpressibleError("SUMO has memory for the IDM only (IDMM).")
         vtype.set("carFollowModel", "IDMM")
         vtype.set("adaptFactor", repr(1.0 + setting.strength))
-        vtype.set("adaptTime", repr(MEMORY_S if setting.time_constant_s is None else setting.time_constant_s))
+        vtype.set(
+            "adaptTime",
+            repr(adapt_s),
+        )
 
 
 def _cooperative_yielding(draft: Draft, setting: EffectSetting) -> None:
@@ -187,7 +193,7 @@ def _platooned_arrivals(draft: Draft, setting: EffectSetting) -> None:
     entrance = demand.subject_route[0]
     flows = {flow.id: flow for flow in draft.scenario.flows if flow.route[0] == entrance}
     elements = {one.get("id", ""): one for one in draft.elements if one.tag == "flow" and one.get("id") in flows}
-    rates = np.asarray([_rate_vehps(one) for one in elements.values()])
+    rates = np.asarray([draft.rates_vehps[name] for name in elements])
     num_lanes = len(draft.scenario.network.edge_lanes(entrance))
     random = np.random.default_rng(draft.seed)
     total, within_s = rates.sum(), HEADWAY_S / num_lanes
@@ -209,6 +215,8 @@ def _platooned_arrivals(draft: Draft, setting: EffectSetting) -> None:
     vehicles = []
     for depart_s in departures:
         name = names[random.choice(len(names), p=rates / total)]
+        if not flows[name].begin_s <= depart_s < flows[name].end_s:
+            continue
         vehicle = ET.Element("vehicle", id=f"{name}.{numbers[name]}", depart=f"{depart_s:.3f}")
         for attribute in ("type", "route", "departLane", "departPos", "departSpeed"):
             if attribute in elements[name].attrib:
@@ -216,24 +224,11 @@ def _platooned_arrivals(draft: Draft, setting: EffectSetting) -> None:
         vehicle.tail = "\n"
         numbers[name] += 1
         vehicles.append(vehicle)
-    others = [one for one in draft.elements if one.tag != "vehicle" and one.get("id") not in elements]
-    vehicles += [one for one in draft.elements if one.tag == "vehicle"]
+    replaced = list(elements.values())
+    others = [one for one in draft.elements if one.tag not in ("vehicle", "trip") and one not in replaced]
+    vehicles += [one for one in draft.elements if one.tag in ("vehicle", "trip")]
     vehicles.sort(key=lambda one: float(one.get("depart", "0")))  # SUMO leaves out who comes too late in the file
     draft.elements[:] = [*others, *vehicles]
-
-
-def _rate_vehps(flow: ET.Element) -> float:
-    """Return the vehicles per second of a flow as the scenario's writer leaves it."""
-    period = flow.get("period", "").strip()
-    if period.startswith("exp("):
-        return float(period[4:-1])
-    if period:
-        return 1.0 / float(period)
-    if flow.get("vehsPerHour"):
-        return float(flow.get("vehsPerHour", "")) / 3600.0
-    if flow.get("probability"):
-        return float(flow.get("probability", ""))
-    return float(flow.get("number", "0")) / (float(flow.get("end", "0")) - float(flow.get("begin", "0")))
 
 
 def _scale(vtype: ET.Element, attribute: str, value: float) -> None:

@@ -24,7 +24,9 @@ class Ranked:
         strength_ci90: its interval.
         absorption: share of its signature that recalibration explains.
         held_out_gain: gain in log-likelihood per held-out drive against the recalibrated baseline.
-        log_evidence: natural logarithm of its evidence against the baseline's.
+        log_evidence: natural logarithm of its evidence against the baseline's, as far as other drives confirm it.
+        cross_validated_gain: gain in log-likelihood of half of the drives to fit where the other half was fitted; both
+            ways together.
         place_and_time: where and when, for local effects.
         alike: other effects that look alike here, with the cosine of their signatures.
     """
@@ -36,6 +38,7 @@ class Ranked:
     absorption: float | None = None
     held_out_gain: float | None = None
     log_evidence: float = 0.0
+    cross_validated_gain: float | None = None
     place_and_time: Mapping[str, float] = field(default_factory=dict)
     alike: Mapping[str, float] = field(default_factory=dict)
 

@@ -130,6 +130,7 @@ def _ranking(findings: Findings, verdict: Verdict) -> list[Ranked]:
                 absorption=atlas.absorption if atlas else None,
                 held_out_gain=gain_of(one, findings.held_out, findings.fitted) if findings.held_out else None,
                 log_evidence=gain,
+                cross_validated_gain=one.cross_validated_gain,
                 place_and_time=dict(one.setting or {}),
                 alike=dict(atlas.alike) if atlas else {},
             )

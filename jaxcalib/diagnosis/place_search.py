@@ -61,7 +61,7 @@ def refine_places(
             if judged[place] < evidence + LEAST_IMPROVEMENT:
                 continue
             best, evidence = several[place], judged[place]
-        if best not in found[one.name]:
+        if not any(best is each for each in found[one.name]):
             found[one.name] = [*found[one.name], best]
     return found
 
@@ -77,9 +77,7 @@ def neighbours(window: Window, step_m: float, step_s: float, lanes: Sequence[int
     """
     is_point = window.from_m == window.to_m
     found = []
-    for moved_from, moved_to in (
-        ((1, 1), (-1, -1)) if is_point else ((1, 1), (-1, -1), (-1, 0), (1, 0), (0, -1), (0, 1))
-    ):
+    for moved_from, moved_to in MOVES[:2] if is_point else MOVES:
         from_m, to_m = window.from_m + moved_from * step_m, window.to_m + moved_to * step_m
         if from_m >= 0.0 and (is_point or to_m - from_m >= SHORTEST_M):
             found.append(replace(window, from_m=from_m, to_m=to_m))

@@ -95,6 +95,7 @@ def mixed_errors(entry: ModelEntry, pairs: Sequence[RecordedPair], values: np.nd
     with ThreadPoolExecutor(NUM_THREADS) as threads:
         search = _Search(entry, bounds, pairs, threads)
         unit = ((values - lower) / (upper - lower)).T
+        # as many times as the program that screens takes points: another program would cost more than that
         return np.sqrt(search.misfits(np.broadcast_to(unit[:, None], (len(lower), POINTS_AT_ONCE, len(pairs))))[0])
 
 
