@@ -10,8 +10,8 @@ from sim_adapters.program_store import program_store
 from sim_adapters.sumo_driver import subject_control
 from sim_adapters.sumo_simulator import FrameFold, SensorRange, SumoSimulator, VehicleCounter
 from sim_adapters.units import METRES_PER_KILOMETRE
+from surrogate.course import RunPlan
 from surrogate.perception import Sensor
-from surrogate.simulate import RunPlan
 from surrogate.world import Clock
 
 DECISION_INTERVAL_S = (

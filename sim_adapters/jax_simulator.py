@@ -4,25 +4,30 @@ import threading
 import time
 from collections.abc import Sequence
 from functools import partial
+from typing import Any
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.sharding import Mesh
 from jax.sharding import PartitionSpec as Spec
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float
 
 from sim_adapters.interface import ParameterLayout, RunOutcome, RunRequest, Status
-from sim_adapters.program_store import ProgramStore, compile_afresh, one_leaf_each
+from sim_adapters.program_store import ProgramStore, compile_afresh
+from sim_adapters.run_queue import Going, RunQueue
 from sim_adapters.world_builder import WorldTemplate
+from surrogate.course import Course, Observer, RunPlan, RunRecord
 from surrogate.effects.settings import Effects, settings_table
-from surrogate.materialise import COMPILER_OPTIONS
+from surrogate.materialise import compiler_options, on_processors
 from surrogate.perception import Sensor
-from surrogate.simulate import Observer, RunPlan, RunRecord, observe_batch
-from surrogate.world import Clock
+from surrogate.simulate import at_start, go_on
+from surrogate.world import Clock, World
 
-VEHICLES_PER_DEVICE = 16384  # places of all runs of a device together: their arrays fit into a core's cache
-LEAST_RUNS_PER_DEVICE, MOST_RUNS_PER_DEVICE = 4, 16
+# places of all runs of a device together, and bounds of the runs: on a core, their arrays fit into its cache; on an
+# accelerator, they give all its threads something to do
+ON_PROCESSORS, ON_ACCELERATORS = (1 << 14, 4, 16), (1 << 21, 64, 4096)
 CAPACITY_STEP = 32
 GROWTH = 1.5  # of the room, where too many runs need more
 # Steps of overlap allowed in all and per vehicle; SUMO goes on after a collision as well, and Wiedemann's drivers, who
@@ -83,6 +88,7 @@ class JaxSimulator:
         self._mesh = Mesh(np.asarray(jax.devices()), ("run",))
         self._batch = (runs_per_device or usual_runs_per_device(self._capacity)) * self._mesh.size
         self._programs: dict[int, jax.stages.Compiled] = {}
+        self._course_shapes: dict[int, Course] = {}
         self._compiling = threading.Lock()
         self.compile_s = 0.0
 
@@ -129,7 +135,7 @@ class JaxSimulator:
         if memory is None:
             raise RuntimeError("These devices do not tell how much memory a program needs.")
         parts = (memory.temp_size_in_bytes, memory.argument_size_in_bytes, memory.output_size_in_bytes)
-        return sum(parts) * self._mesh.size
+        return (sum(parts) - memory.alias_size_in_bytes) * self._mesh.size
 
     @property
     def batch(self) -> int:
@@ -161,11 +167,16 @@ class JaxSimulator:
     def _run_all(self, requests: Sequence[RunRequest]) -> list[RunOutcome]:
         order = sorted(range(len(requests)), key=lambda index: requests[index].depart_s)
         outcomes: list[RunOutcome | None] = [None] * len(requests)
-        for begin in range(0, len(order), self._batch):
-            chosen = order[begin : begin + self._batch]
-            made = self._run_once([requests[index] for index in chosen], self._capacity)
-            for index, outcome in zip(chosen, made, strict=True):
-                outcomes[index] = outcome
+        queue = RunQueue(order, self._batch)
+        while runs := queue.take():
+            course = self._go_on([requests[run.number] for run in runs], runs, queue.share_left)
+            for run, lane in zip(runs, self._lanes(len(runs)), strict=True):
+                if course.is_over[lane]:
+                    record = jax.tree.map(lambda leaf, lane=lane: leaf[lane], course.record)
+                    outcomes[run.number] = _outcome(requests[run.number], record, run.wall_s)
+                else:
+                    run.course = jax.tree.map(lambda leaf, lane=lane: leaf[lane], course)
+                    queue.put_back(run)
         return [outcome for outcome in outcomes if outcome is not None]
 
     def _program(self, capacity: int) -> jax.stages.Compiled:
@@ -173,19 +184,16 @@ class JaxSimulator:
         with self._compiling:
             if capacity not in self._programs:
                 began = time.perf_counter()
-                shapes = (
-                    jax.ShapeDtypeStruct((self._batch, len(self.layout.names)), jnp.float32),
-                    jax.ShapeDtypeStruct((self._batch,), jnp.int32),
-                    jax.ShapeDtypeStruct((self._batch,), jnp.float32),
-                )
-                if self._has_effects:
-                    shapes += (jax.ShapeDtypeStruct((self._batch, *settings_table({}).shape), jnp.float32),)
-                self._programs[capacity] = self._load_or_compile(shapes, capacity)
+                self._programs[capacity] = self._load_or_compile(capacity)
                 self.compile_s += time.perf_counter() - began
             return self._programs[capacity]
 
-    def _load_or_compile(self, shapes: tuple[jax.ShapeDtypeStruct, ...], capacity: int) -> jax.stages.Compiled:
+    def _load_or_compile(self, capacity: int) -> jax.stages.Compiled:
         """Return the program for a batch: from the store if it is there."""
+        inputs = self._input_shapes()
+        course = jax.eval_shape(lambda inputs: self._at_start(inputs, capacity), inputs)
+        arguments = inputs, course, jax.ShapeDtypeStruct((self._batch,), bool), jax.ShapeDtypeStruct((), jnp.float32)
+        self._course_shapes[capacity] = course
         store, key = self._programs_kept, None
         if store is not None:
             made_from = (
@@ -201,64 +209,129 @@ class JaxSimulator:
             )
             key = store.key(made_from)
         if store is not None and key is not None:
-            kept = store.load(key, shapes, one_leaf_each(RunRecord))
+            kept = store.load(key, arguments, course)
             if kept is not None:
                 return kept
 
-        def observe(*arguments: Array) -> RunRecord:
-            return self._observe(*arguments, capacity=capacity)
+        def observe(inputs: _Inputs, course: Course, is_fresh: Array, share_left: Array) -> Course:
+            return self._observe(inputs, course, is_fresh, share_left, capacity=capacity)
 
         # a name of its own, so that JAX's cache finds it under no other key: from there it could not be kept again
         observe.__name__ = "observe" if key is None else f"observe_{key[:12]}"
-        program, is_fresh = compile_afresh(jax.jit(observe).lower(*shapes), COMPILER_OPTIONS)
+        lowered = jax.jit(observe, donate_argnums=1).lower(*arguments)
+        program, is_fresh = compile_afresh(lowered, compiler_options())
         if store is not None and key is not None and is_fresh:
             store.save(key, program)
         return program
 
-    def _run_once(self, requests: list[RunRequest], capacity: int) -> list[RunOutcome]:
-        program = self._program(capacity)
+    def _input_shapes(self) -> "_Inputs":
+        settings = jax.ShapeDtypeStruct((self._batch, *settings_table({}).shape), jnp.float32)
+        return _Inputs(
+            values=jax.ShapeDtypeStruct((self._batch, len(self.layout.names)), jnp.float32),
+            seeds=jax.ShapeDtypeStruct((self._batch,), jnp.int32),
+            departs_s=jax.ShapeDtypeStruct((self._batch,), jnp.float32),
+            settings=settings if self._has_effects else None,
+        )
+
+    def _lanes(self, number: int) -> list[int]:
+        """Return the places in a batch of so many runs, dealt out evenly to the devices."""
+        num_devices = self._mesh.size
+        per_device = self._batch // num_devices
+        return [index % num_devices * per_device + index // num_devices for index in range(number)]
+
+    def _go_on(self, requests: list[RunRequest], runs: list[Going], share_left: float) -> Course:
+        """Return where the runs of a batch are when at most a share of them is left, and add to their times."""
+        program = self._program(self._capacity)
         began = time.perf_counter()
-        filled = requests + [requests[-1]] * (self._batch - len(requests))
-        arguments = [
-            jnp.asarray([request.values for request in filled], jnp.float32),
-            jnp.asarray([request.seed for request in filled], jnp.int32),
-            jnp.asarray([request.depart_s for request in filled], jnp.float32),
-        ]
-        if self._has_effects:
-            arguments.append(jnp.asarray([settings_table(request.effects) for request in filled], jnp.float32))
-        record = program(*arguments)
-        record = jax.tree.map(np.asarray, record)
-        wall_s = (time.perf_counter() - began) / len(requests)
-        return [
-            _outcome(request, jax.tree.map(lambda leaf, i=i: leaf[i], record), wall_s)
-            for i, request in enumerate(requests)
-        ]
+        lanes = self._lanes(len(runs))
+        filled = [requests[-1]] * self._batch
+        course = jax.tree.map(lambda leaf: np.zeros(leaf.shape, leaf.dtype), self._course_shapes[self._capacity])
+        course.is_over[:] = True  # places that nobody needs
+        is_fresh = np.ones((self._batch,), bool)
+        for request, run, lane in zip(requests, runs, lanes, strict=True):
+            filled[lane] = request
+            course.is_over[lane] = False
+            if run.course is not None:
+                is_fresh[lane] = False
+                jax.tree.map(lambda leaf, part, lane=lane: leaf.__setitem__(lane, part), course, run.course)
+        inputs = _Inputs(
+            values=np.asarray([request.values for request in filled], np.float32),
+            seeds=np.asarray([request.seed for request in filled], np.int32),
+            departs_s=np.asarray([request.depart_s for request in filled], np.float32),
+            settings=np.asarray([settings_table(request.effects) for request in filled], np.float32)
+            if self._has_effects
+            else None,
+        )
+        after = program(inputs, course, is_fresh, np.float32(share_left))
+        if not share_left:  # all are over: nobody goes on from there
+            after = Course(states=None, observed=None, record=after.record, is_over=after.is_over)  # pyright: ignore[reportArgumentType]
+        found = jax.tree.map(np.asarray, after)
+        for run in runs:
+            run.wall_s += (time.perf_counter() - began) / len(runs)
+        return found
+
+    def _plan(self, capacity: int) -> RunPlan:
+        return RunPlan(self._clock, capacity + self._template.road.num_rows, self._steps_per_frame)
+
+    def _worlds(self, inputs: "_Inputs") -> tuple[World, World]:
+        """Return the runs' worlds, and which of their leaves have an axis for runs."""
+        effects = None if inputs.settings is None else Effects(inputs.settings)
+        axes = self._template.batch_axes(self._has_effects)
+        return jax.vmap(self._template.world, out_axes=axes)(
+            inputs.values, inputs.seeds, inputs.departs_s, effects
+        ), axes
+
+    def _at_start(self, inputs: "_Inputs", capacity: int) -> Course:
+        return at_start(*self._worlds(inputs), self._sensor, self._observer, self._plan(capacity))
 
     def _observe(
         self,
-        values: Float[Array, "run parameter"],
-        seeds: Int[Array, " run"],
-        departs_s: Float[Array, " run"],
-        settings: Float[Array, "run effect field"] | None = None,
+        inputs: "_Inputs",
+        course: Course,
+        is_fresh: Bool[Array, " run"],
+        share_left: Float[Array, ""],
         *,
         capacity: int,
-    ) -> RunRecord:
-        plan = RunPlan(self._clock, capacity + self._template.road.num_rows, self._steps_per_frame)
+    ) -> Course:
+        each = Spec("run")
 
-        @partial(jax.shard_map, mesh=self._mesh, in_specs=Spec("run"), out_specs=Spec("run"), check_vma=False)
+        @partial(jax.shard_map, mesh=self._mesh, in_specs=(each, each, each, Spec()), out_specs=each, check_vma=False)
         def on_one_device(
-            values: Float[Array, "run parameter"],
-            seeds: Int[Array, " run"],
-            departs_s: Float[Array, " run"],
-            effects: Effects | None,
-        ) -> RunRecord:
-            axes = self._template.batch_axes(self._has_effects)
-            worlds = jax.vmap(self._template.world, out_axes=axes)(values, seeds, departs_s, effects)
-            first_frame_s = jnp.min(departs_s) - self._clock.interval_s
+            inputs: _Inputs, course: Course, is_fresh: Bool[Array, " run"], share_left: Float[Array, ""]
+        ) -> Course:
+            worlds, axes = self._worlds(inputs)
+            start = at_start(worlds, axes, self._sensor, self._observer, self._plan(capacity))
+            start = eqx.tree_at(lambda one: one.is_over, start, course.is_over)
+            course = jax.tree.map(
+                lambda first, later: jnp.where(is_fresh.reshape(-1, *[1] * (later.ndim - 1)), first, later),
+                start,
+                course,
+            )
+            first_frame_s = inputs.departs_s - self._clock.interval_s
+            most_unfinished = jnp.floor(share_left * jnp.sum(~course.is_over)).astype(jnp.int32)
             end_s = jnp.asarray(self._end_s, jnp.float32)
-            return observe_batch(worlds, axes, self._sensor, self._observer, plan, first_frame_s, end_s)
+            return go_on(
+                course,
+                worlds,
+                axes,
+                self._sensor,
+                self._observer,
+                self._plan(capacity),
+                first_frame_s,
+                end_s,
+                most_unfinished,
+            )
 
-        return on_one_device(values, seeds, departs_s, None if settings is None else Effects(settings))
+        return on_one_device(inputs, course, is_fresh, share_left)
+
+
+class _Inputs(eqx.Module):
+    """What the runs of a batch are made from; arrays, or their shapes."""
+
+    values: Any
+    seeds: Any
+    departs_s: Any
+    settings: Any
 
 
 def _collisions_allowed(record: RunRecord) -> float:
@@ -271,8 +344,9 @@ def _round_up(capacity: float) -> int:
 
 def usual_runs_per_device(capacity: int) -> int:
     """Return a power of 2; small batches waste less when few runs are asked for."""
-    runs = 1 << max(0, VEHICLES_PER_DEVICE // capacity).bit_length() - 1
-    return min(max(runs, LEAST_RUNS_PER_DEVICE), MOST_RUNS_PER_DEVICE)
+    places, least, most = ON_PROCESSORS if on_processors() else ON_ACCELERATORS
+    runs = 1 << max(0, places // capacity).bit_length() - 1
+    return min(max(runs, least), most)
 
 
 def _outcome(request: RunRequest, record: RunRecord, wall_s: float) -> RunOutcome:

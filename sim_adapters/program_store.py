@@ -8,7 +8,6 @@ cannot be pickled, or is of a class from elsewhere, is not kept at all.
 What is loaded is the machine code that was compiled, so runs give the same bits from either.
 """
 
-import dataclasses
 import hashlib
 import importlib.metadata
 import io
@@ -18,7 +17,7 @@ import sys
 import tempfile
 import threading
 import zlib
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 from types import FunctionType, ModuleType
@@ -135,11 +134,6 @@ def compile_afresh(lowered: jax.stages.Lowered, options: dict[str, str | bool]) 
     _hits.number = 0
     program = lowered.compile(options)
     return program, _hits.number == 0
-
-
-def one_leaf_each(record: Callable[..., Any]) -> Any:
-    """Return a record with one number for each field: the structure of one that holds arrays only."""
-    return record(*range(len(dataclasses.fields(record))))  # pyright: ignore[reportArgumentType]
 
 
 @cache

@@ -13,9 +13,23 @@ Tree = TypeVar("Tree")
 
 # Without the first, XLA drops the marks before it fuses loops. With the second, it hands halves of a loop to a pool of
 # threads, which costs a tenth of the time where each core has runs of its own.
-COMPILER_OPTIONS: dict[str, str | bool] = {"xla_disable_hlo_passes": "cse_barrier_expander,cpu-parallel-task-assigner"}
+FOR_PROCESSORS: dict[str, str | bool] = {"xla_disable_hlo_passes": "cse_barrier_expander,cpu-parallel-task-assigner"}
+
+
+def on_processors() -> bool:
+    """Return whether JAX computes on processors, not on an accelerator, by default."""
+    return jax.default_backend() == "cpu"
+
+
+def compiler_options() -> dict[str, str | bool]:
+    """Return what to compile programs with that have such marks."""
+    return FOR_PROCESSORS if on_processors() else {}
 
 
 def materialise(values: Tree) -> Tree:
-    """Return the values, which the compiler writes to memory once instead of computing them wherever they are used."""
-    return jax.lax.optimization_barrier(values)
+    """Return the values, which the compiler writes to memory once instead of computing them wherever they are used.
+
+    Does nothing on accelerators, where what is computed again is cheaper than what is written and read: without marks,
+    2048 runs of 1600 places took 4.3 instead of 5.0 ms per simulated second on an H200.
+    """
+    return jax.lax.optimization_barrier(values) if on_processors() else values

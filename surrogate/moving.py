@@ -96,13 +96,15 @@ def move_on(
                 num_overlaps = num_overlaps + overlaps(after, is_subject, length_m)
             if not is_one_tile:
                 last = last.with_step(number, vehicles)
-            return _Motion.from_(after), last, num_collisions + jnp.sum(has_collided & tile.is_new), num_overlaps
+            counted = has_collided if is_one_tile else has_collided & tile.is_new
+            return _Motion.from_(after), last, num_collisions + jnp.sum(counted), num_overlaps
 
         start = tile(all_motion)
         motion, *others = jax.lax.fori_loop(
             0, num_steps, one_step, (start, ahead.of(resting), num_collisions, num_overlaps)
         )
-        motion = _where(tile.is_new, motion, start)
+        if not is_one_tile:
+            motion = _where(tile.is_new, motion, start)
         return tile.write(all_motion, motion), *others
 
     with jax.named_scope("move"):

@@ -14,10 +14,11 @@ from jaxcalib.engines import DECISION_INTERVAL_S, OBJECTS_PER_ROW
 from jaxcalib.problem import FRAME_INTERVAL_S, CalibrationProblem
 from sim_adapters.jax_simulator import usual_runs_per_device
 from sim_adapters.world_builder import WorldTemplate
-from surrogate.materialise import COMPILER_OPTIONS
+from surrogate.course import RunPlan, RunRecord
+from surrogate.materialise import compiler_options
 from surrogate.perception import Sensor
 from surrogate.road import Road
-from surrogate.simulate import RunPlan, RunRecord, observe_batch
+from surrogate.simulate import observe_batch
 from surrogate.step import initial_state
 from surrogate.traffic_state import TrafficState, with_changes
 from surrogate.world import Clock
@@ -86,7 +87,7 @@ def measure_road(problem: CalibrationProblem, num_vehicles: int, simulated_s: fl
         filled(template, num_vehicles, plan),
     )
     began = time.perf_counter()
-    program = jax.jit(drive).lower(*arguments).compile(COMPILER_OPTIONS)
+    program = jax.jit(drive).lower(*arguments).compile(compiler_options())
     compile_s = time.perf_counter() - began
     record, walls, processors = program(*arguments), [], []
     jax.block_until_ready(record)

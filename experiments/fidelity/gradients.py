@@ -21,9 +21,10 @@ from experiments.benchmarks.throughput import CASE
 from jaxcalib.calibration.moments import Moments, all_moments
 from jaxcalib.engines import DECISION_INTERVAL_S, OBJECTS_PER_ROW, expected_vehicles
 from jaxcalib.problem import FRAME_INTERVAL_S, CalibrationProblem, read_problem
-from surrogate.materialise import COMPILER_OPTIONS
+from surrogate.course import RunPlan
+from surrogate.materialise import compiler_options
 from surrogate.perception import Sensor
-from surrogate.simulate import RunPlan, observe_batch
+from surrogate.simulate import observe_batch
 from surrogate.world import Clock
 
 RUNS_PER_BATCH = 16
@@ -96,7 +97,7 @@ class Drives:
 
         base = jnp.asarray(template.base_values(), jnp.float32)
         seeds = jnp.arange(RUNS_PER_BATCH, dtype=jnp.int32)
-        self._program = jax.jit(with_derivative).lower(base, base, seeds).compile(COMPILER_OPTIONS)
+        self._program = jax.jit(with_derivative).lower(base, base, seeds).compile(compiler_options())
 
     def __call__(self, values: np.ndarray, direction: np.ndarray, batch: int) -> tuple[np.ndarray, np.ndarray]:
         """Return the tallies of each drive of a batch, and their derivative in a direction.

@@ -19,9 +19,9 @@ from sim_adapters.sumo_simulator import SensorRange, SumoSimulator
 from sim_adapters.sumo_surroundings import Surroundings, vehicle_arrays
 from sim_adapters.sumo_worker import SumoRun
 from sim_adapters.world_builder import WorldTemplate, build_template
+from surrogate.course import RunPlan
 from surrogate.lane_change.place import Place
 from surrogate.moving import move_on
-from surrogate.simulate import RunPlan
 from surrogate.step import initial_state, look_up_lane, settle_lanes
 from surrogate.subject.registry import SubjectModel
 from surrogate.traffic_state import TrafficState, with_changes

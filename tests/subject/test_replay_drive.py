@@ -13,12 +13,12 @@ from jaxcalib.engines import sumo_engine
 from jaxcalib.problem import CalibrationProblem, read_problem
 from sim_adapters.interface import RunRequest
 from sim_adapters.logged_drive import LoggedDrive, choose, replay_of, resample
+from surrogate.course import RunPlan
 from surrogate.effects.base import EffectSetting
 from surrogate.effects.registry import EFFECTS
 from surrogate.effects.settings import Effects, settings_table
 from surrogate.moving import move_on
 from surrogate.perception import Sensor, perceive
-from surrogate.simulate import RunPlan
 from surrogate.step import initial_state, settle_lanes
 from surrogate.subject.replay import overlaps
 from surrogate.traffic_state import TrafficState, empty_vehicles, with_changes

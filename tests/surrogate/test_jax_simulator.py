@@ -171,6 +171,19 @@ def test_an_unfinished_drive_ends_at_the_same_time_whoever_else_departs(
     assert told(alone)["last_s"] == told(beside)["last_s"] == pytest.approx(END_S, abs=0.5)
 
 
+def test_a_run_that_is_interrupted_gives_the_same_bits_as_one_that_is_not(
+    simulator: JaxSimulator, requests: dict[str, RunRequest], outcomes: dict[str, RunOutcome]
+) -> None:
+    """Two of three end early, so the third of each batch waits for the others of its kind."""
+    lost = RunRequest((9e9, *requests["base"].values[1:]), 3, DEPART_S)  # no room: over at once
+    asked = [requests["base"], lost, lost, requests["lazy"], lost, lost, requests["later"], lost]
+    made = simulator.run(asked)
+    alone = simulator.run([requests["later"]])[0]
+    assert [outcome.status is Status.OK for outcome in made] == [request is not lost for request in asked]
+    for place, expected in ((0, outcomes["base"]), (3, outcomes["lazy"]), (6, alone)):
+        assert_same_bits(made[place], expected)
+
+
 def test_another_behaviour_meets_the_same_arrivals(outcomes: dict[str, RunOutcome]) -> None:
     base, lazy = outcomes["base"], outcomes["lazy"]
     assert base.num_arrived.tolist() == lazy.num_arrived.tolist()

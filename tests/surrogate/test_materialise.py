@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from surrogate.materialise import COMPILER_OPTIONS, materialise
+from surrogate.materialise import compiler_options, materialise
 
 START = jnp.asarray([0.3, -1.7, 2.9], jnp.float32)
 
@@ -23,7 +23,7 @@ def used_thrice(values: jax.Array, is_materialised: bool) -> tuple[jax.Array, ..
 
 
 def products_in(is_materialised: bool) -> int:
-    program = jax.jit(lambda values: used_thrice(values, is_materialised)).lower(START).compile(COMPILER_OPTIONS)
+    program = jax.jit(lambda values: used_thrice(values, is_materialised)).lower(START).compile(compiler_options())
     return program.as_text().count(" multiply(")
 
 

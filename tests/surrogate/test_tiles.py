@@ -26,6 +26,8 @@ def test_tile_by_tile_gives_what_the_whole_gives_as_far_as_there_are_vehicles(nu
     values = jnp.arange(num_entries) * 0.7 + 1.3
     num_tiles = int(tiles_for(jnp.asarray(min(num_in_use, num_entries)), num_entries))
     found = over_tiles(lambda tile: {"square": tile(values) ** 2}, num_tiles, num_entries)["square"]
+    if all_tiles(num_entries) == 1:  # is always worked through
+        num_tiles = 1
     covered = min(num_tiles * tiles.tile_size(num_entries), num_entries)
     assert covered >= min(num_in_use, num_entries)
     np.testing.assert_allclose(found[:covered], values[:covered] ** 2, rtol=1e-6)
