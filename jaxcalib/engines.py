@@ -31,7 +31,10 @@ def prepare_devices(num_cores: int) -> None:
 
 
 def surrogate_engine(
-    problem: CalibrationProblem, spare_capacity: float = SPARE_CAPACITY, most_overfull_share: float = 0.75
+    problem: CalibrationProblem,
+    spare_capacity: float = SPARE_CAPACITY,
+    most_overfull_share: float = 0.75,
+    runs_per_device: int | None = None,
 ) -> JaxSimulator:
     """Return the surrogate for a problem.
 
@@ -40,6 +43,7 @@ def surrogate_engine(
         spare_capacity: room for vehicles, as a multiple of those in the field.
         most_overfull_share: see `JaxSimulator`; a search can do without candidates that are much denser than the field,
             0 is for studies that need every run.
+        runs_per_device: size of a device's part of a batch; from the room unless given.
     """
     scenario, perception = problem.parts.scenario, problem.case.perception
     return JaxSimulator(
@@ -51,6 +55,7 @@ def surrogate_engine(
         clock=_clock(problem),
         end_s=scenario.duration_s,
         capacity=expected_vehicles(problem, spare_capacity),
+        runs_per_device=runs_per_device,
         frame_interval_s=FRAME_INTERVAL_S,
         most_overfull_share=most_overfull_share,
         programs=program_store(),

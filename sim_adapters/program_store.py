@@ -125,7 +125,7 @@ def program_store() -> ProgramStore | None:
     return ProgramStore(Path(folder))
 
 
-def compile_afresh(lowered: jax.stages.Lowered, options: dict[str, str | bool]) -> tuple[jax.stages.Compiled, bool]:
+def compile_afresh(lowered: jax.stages.Lowered, options: dict[str, Any]) -> tuple[jax.stages.Compiled, bool]:
     """Return a compiled program, and whether it was compiled and not taken from JAX's cache.
 
     What JAX took from its cache cannot be written to a file again: its functions would be missing.

@@ -180,7 +180,7 @@ def go_on(
     def is_short(course: Course) -> Bool[Array, ""]:
         return jnp.sum(~course.is_over) > most_unfinished
 
-    most_newcomers = decisions_per_frame * worlds.inflow.lane_row.size
+    most_newcomers = decisions_per_frame * jnp.sum(worlds.inflow.lane_row >= 0)
     # whole blocks are seen or not, so that a run sees the same frames in whichever batch it is
     steps_per_block = cycles_per_block * steps_per_cycle
     steps_unseen = steps_after + (frames_per_decision - 1) * plan.steps_per_frame

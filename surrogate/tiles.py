@@ -17,7 +17,7 @@ from surrogate.neighbours import take
 
 Tree = TypeVar("Tree")
 Carry = TypeVar("Carry")
-LARGEST_TILE = 448  # entries; of smaller tiles, the loops cost more than the empty rest of the last tile
+LARGEST_TILE = 224  # entries; of smaller tiles, the loops cost more than the empty rest of the last tile
 
 
 class Tile:
@@ -87,14 +87,28 @@ def all_tiles(num_entries: int) -> int:
     return -(-num_entries // tile_size(num_entries))
 
 
-def tiles_for(num_in_use: Int[Array, ""], num_entries: int) -> Int[Array, ""]:
+def tiles_for(num_in_use: Int[Array, ""], num_entries: int, size: int | None = None) -> Int[Array, ""]:
     """Return how many tiles hold the first entries.
 
     Args:
         num_in_use: entries that may be in use.
         num_entries: length of the arrays.
+        size: entries of a tile; the usual number unless given.
     """
-    return jnp.minimum(-(-num_in_use // tile_size(num_entries)), all_tiles(num_entries))
+    size = tile_size(num_entries) if size is None else size
+    return jnp.minimum(-(-num_in_use // size), -(-num_entries // size))
+
+
+@jax.custom_batching.custom_vmap
+def most_of_batch(number: Int[Array, ""]) -> Int[Array, ""]:
+    """Return the largest of the numbers that the runs of a batch have: one for all, as loops over tiles need it."""
+    return number
+
+
+@most_of_batch.def_vmap
+def _most_of_many(axis_size: int, in_batched: list[bool], number: Array) -> tuple[Array, bool]:
+    del axis_size
+    return (jnp.max(number) if in_batched[0] else number), False
 
 
 def for_each_tile(
@@ -122,16 +136,19 @@ def for_each_tile(
     return jax.lax.fori_loop(0, num_tiles, one, carry)
 
 
-def over_tiles(function: Callable[[Tile], Any], num_tiles: Int[Array, ""] | int, num_entries: int) -> Any:
+def over_tiles(
+    function: Callable[[Tile], Any], num_tiles: Int[Array, ""] | int, num_entries: int, size: int | None = None
+) -> Any:
     """Return what a function gives for each entry, worked out tile by tile; 0 for entries beyond the tiles.
 
     Args:
         function: from a tile to arrays of its entries.
         num_tiles: tiles to work through, the same in all runs of a batch; at least one if there is only one.
         num_entries: length of the arrays.
+        size: entries of a tile; the usual number unless given.
     """
-    if all_tiles(num_entries) == 1:
-        return materialise(function(Tile(0, num_entries)))
-    shapes = jax.eval_shape(lambda: function(Tile(0, num_entries)))
+    if (tile_size(num_entries) if size is None else size) == num_entries:
+        return materialise(function(Tile(0, num_entries, size)))
+    shapes = jax.eval_shape(lambda: function(Tile(0, num_entries, size)))
     nothing = jax.tree.map(lambda one: jnp.zeros((num_entries, *one.shape[1:]), one.dtype), shapes)
-    return for_each_tile(lambda tile, filled: tile.write(filled, function(tile)), num_tiles, num_entries, nothing)
+    return for_each_tile(lambda tile, filled: tile.write(filled, function(tile)), num_tiles, num_entries, nothing, size)

@@ -41,16 +41,30 @@ class RoomySurrogate:
     most are made again with twice and four times as much, whatever other runs need.
     """
 
-    def __init__(self, problem: CalibrationProblem) -> None:
-        """Prepare runs; nothing is compiled before the first."""
+    def __init__(
+        self,
+        problem: CalibrationProblem,
+        spare_capacity: float = SPARE_CAPACITY,
+        runs_per_device: int | None = None,
+    ) -> None:
+        """Prepare runs; nothing is compiled before the first.
+
+        Args:
+            problem: the problem.
+            spare_capacity: room that most runs get, as a multiple of the vehicles in the field.
+            runs_per_device: size of a device's part of a batch of those; from the room unless given.
+        """
         self._problem = problem
+        self._spare_capacity = spare_capacity
+        self._runs_per_device = runs_per_device
         self._engines: list[JaxSimulator] = []
 
     def engine(self, place: int) -> JaxSimulator:
         """Return the engine with a certain room."""
         while len(self._engines) <= place:
-            room = SPARE_CAPACITY * ROOM_FACTORS[len(self._engines)]
-            self._engines.append(surrogate_engine(self._problem, room, most_overfull_share=1.0))
+            room = self._spare_capacity * ROOM_FACTORS[len(self._engines)]
+            runs = None if self._engines else self._runs_per_device
+            self._engines.append(surrogate_engine(self._problem, room, most_overfull_share=1.0, runs_per_device=runs))
         return self._engines[place]
 
     def run(self, requests: Sequence[RunRequest]) -> list[RunOutcome]:
