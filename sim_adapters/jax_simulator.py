@@ -1,29 +1,23 @@
-"""The surrogate as an engine: the one place where runs become a batch, sharded over the devices that JAX sees."""
+"""The surrogate as an engine: the one place where runs become a batch, and batches the outcomes of runs."""
 
 import threading
 import time
 from collections.abc import Sequence
-from functools import partial
-from typing import Any
 
-import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jax.sharding import Mesh
-from jax.sharding import PartitionSpec as Spec
-from jaxtyping import Array, Bool, Float
 
+from sim_adapters.batch_program import BatchInputs, BatchProgram, CompiledBatch
 from sim_adapters.interface import ParameterLayout, RunOutcome, RunRequest, Status
-from sim_adapters.program_store import ProgramStore, compile_afresh
+from sim_adapters.program_store import ProgramStore
 from sim_adapters.run_queue import Going, RunQueue
 from sim_adapters.world_builder import WorldTemplate
-from surrogate.course import Course, Observer, RunPlan, RunRecord
-from surrogate.effects.settings import Effects, settings_table
-from surrogate.materialise import compiler_options, on_processors
+from surrogate.course import Course, Observer, RunRecord
+from surrogate.effects.settings import settings_table
+from surrogate.materialise import on_processors
 from surrogate.perception import Sensor
-from surrogate.simulate import at_start, go_on
-from surrogate.world import Clock, World
+from surrogate.world import Clock
 
 # places of all runs of a device together, and bounds of the runs: on a core, their arrays fit into its cache; on an
 # accelerator, they give all its threads something to do
@@ -39,7 +33,7 @@ COLLISION_STEPS_PER_VEHICLE = 1.0
 class JaxSimulator:
     """Runs many parameter sets at once in the surrogate.
 
-    Batches have one fixed shape, filled up with copies where runs are few: XLA's rounding depends on the shape of a
+    Batches have one fixed shape, and places that nobody needs are idle: XLA's rounding depends on the shape of a
     batch, not on what else is in it, so each run gives the same bits in whichever batch it is made.
     """
 
@@ -87,8 +81,10 @@ class JaxSimulator:
         self._largest_capacity = 4 * self._capacity
         self._mesh = Mesh(np.asarray(jax.devices()), ("run",))
         self._batch = (runs_per_device or usual_runs_per_device(self._capacity)) * self._mesh.size
-        self._programs: dict[int, jax.stages.Compiled] = {}
-        self._course_shapes: dict[int, Course] = {}
+        self._batches = BatchProgram(
+            template, observer, sensor, clock, end_s, self._steps_per_frame, has_effects, self._batch, self._mesh
+        )
+        self._programs: dict[int, CompiledBatch] = {}
         self._compiling = threading.Lock()
         self.compile_s = 0.0
 
@@ -131,7 +127,7 @@ class JaxSimulator:
         Raises:
             RuntimeError: the devices do not tell.
         """
-        memory = self._program(self._capacity).memory_analysis()
+        memory = self._program(self._capacity).program.memory_analysis()
         if memory is None:
             raise RuntimeError("These devices do not tell how much memory a program needs.")
         parts = (memory.temp_size_in_bytes, memory.argument_size_in_bytes, memory.output_size_in_bytes)
@@ -179,59 +175,14 @@ class JaxSimulator:
                     queue.put_back(run)
         return [outcome for outcome in outcomes if outcome is not None]
 
-    def _program(self, capacity: int) -> jax.stages.Compiled:
+    def _program(self, capacity: int) -> CompiledBatch:
         """Return the program for a batch, loaded or compiled when it is needed first."""
         with self._compiling:
             if capacity not in self._programs:
                 began = time.perf_counter()
-                self._programs[capacity] = self._load_or_compile(capacity)
+                self._programs[capacity] = self._batches.compiled(capacity, self._programs_kept)
                 self.compile_s += time.perf_counter() - began
             return self._programs[capacity]
-
-    def _load_or_compile(self, capacity: int) -> jax.stages.Compiled:
-        """Return the program for a batch: from the store if it is there."""
-        inputs = self._input_shapes()
-        course = jax.eval_shape(lambda inputs: self._at_start(inputs, capacity), inputs)
-        arguments = inputs, course, jax.ShapeDtypeStruct((self._batch,), bool), jax.ShapeDtypeStruct((), jnp.float32)
-        self._course_shapes[capacity] = course
-        store, key = self._programs_kept, None
-        if store is not None:
-            made_from = (
-                self._template,
-                self._observer,
-                self._sensor,
-                self._clock,
-                self._end_s,
-                self._steps_per_frame,
-                self._has_effects,
-                self._batch,
-                capacity,
-            )
-            key = store.key(made_from)
-        if store is not None and key is not None:
-            kept = store.load(key, arguments, course)
-            if kept is not None:
-                return kept
-
-        def observe(inputs: _Inputs, course: Course, is_fresh: Array, share_left: Array) -> Course:
-            return self._observe(inputs, course, is_fresh, share_left, capacity=capacity)
-
-        # a name of its own, so that JAX's cache finds it under no other key: from there it could not be kept again
-        observe.__name__ = "observe" if key is None else f"observe_{key[:12]}"
-        lowered = jax.jit(observe, donate_argnums=1).lower(*arguments)
-        program, is_fresh = compile_afresh(lowered, compiler_options())
-        if store is not None and key is not None and is_fresh:
-            store.save(key, program)
-        return program
-
-    def _input_shapes(self) -> "_Inputs":
-        settings = jax.ShapeDtypeStruct((self._batch, *settings_table({}).shape), jnp.float32)
-        return _Inputs(
-            values=jax.ShapeDtypeStruct((self._batch, len(self.layout.names)), jnp.float32),
-            seeds=jax.ShapeDtypeStruct((self._batch,), jnp.int32),
-            departs_s=jax.ShapeDtypeStruct((self._batch,), jnp.float32),
-            settings=settings if self._has_effects else None,
-        )
 
     def _lanes(self, number: int) -> list[int]:
         """Return the places in a batch of so many runs, dealt out evenly to the devices."""
@@ -241,11 +192,11 @@ class JaxSimulator:
 
     def _go_on(self, requests: list[RunRequest], runs: list[Going], share_left: float) -> Course:
         """Return where the runs of a batch are when at most a share of them is left, and add to their times."""
-        program = self._program(self._capacity)
+        compiled = self._program(self._capacity)
         began = time.perf_counter()
         lanes = self._lanes(len(runs))
         filled = [requests[-1]] * self._batch
-        course = jax.tree.map(lambda leaf: np.zeros(leaf.shape, leaf.dtype), self._course_shapes[self._capacity])
+        course = jax.tree.map(lambda leaf: np.zeros(leaf.shape, leaf.dtype), compiled.course)
         course.is_over[:] = True  # places that nobody needs
         is_fresh = np.ones((self._batch,), bool)
         for request, run, lane in zip(requests, runs, lanes, strict=True):
@@ -254,7 +205,7 @@ class JaxSimulator:
             if run.course is not None:
                 is_fresh[lane] = False
                 jax.tree.map(lambda leaf, part, lane=lane: leaf.__setitem__(lane, part), course, run.course)
-        inputs = _Inputs(
+        inputs = BatchInputs(
             values=np.asarray([request.values for request in filled], np.float32),
             seeds=np.asarray([request.seed for request in filled], np.int32),
             departs_s=np.asarray([request.depart_s for request in filled], np.float32),
@@ -262,76 +213,13 @@ class JaxSimulator:
             if self._has_effects
             else None,
         )
-        after = program(inputs, course, is_fresh, np.float32(share_left))
+        after = compiled.program(inputs, course, is_fresh, np.float32(share_left))
         if not share_left:  # all are over: nobody goes on from there
             after = Course(states=None, observed=None, record=after.record, is_over=after.is_over)  # pyright: ignore[reportArgumentType]
         found = jax.tree.map(np.asarray, after)
         for run in runs:
             run.wall_s += (time.perf_counter() - began) / len(runs)
         return found
-
-    def _plan(self, capacity: int) -> RunPlan:
-        return RunPlan(self._clock, capacity + self._template.road.num_rows, self._steps_per_frame)
-
-    def _worlds(self, inputs: "_Inputs") -> tuple[World, World]:
-        """Return the runs' worlds, and which of their leaves have an axis for runs."""
-        effects = None if inputs.settings is None else Effects(inputs.settings)
-        axes = self._template.batch_axes(self._has_effects)
-        return jax.vmap(self._template.world, out_axes=axes)(
-            inputs.values, inputs.seeds, inputs.departs_s, effects
-        ), axes
-
-    def _at_start(self, inputs: "_Inputs", capacity: int) -> Course:
-        return at_start(*self._worlds(inputs), self._sensor, self._observer, self._plan(capacity))
-
-    def _observe(
-        self,
-        inputs: "_Inputs",
-        course: Course,
-        is_fresh: Bool[Array, " run"],
-        share_left: Float[Array, ""],
-        *,
-        capacity: int,
-    ) -> Course:
-        each = Spec("run")
-
-        @partial(jax.shard_map, mesh=self._mesh, in_specs=(each, each, each, Spec()), out_specs=each, check_vma=False)
-        def on_one_device(
-            inputs: _Inputs, course: Course, is_fresh: Bool[Array, " run"], share_left: Float[Array, ""]
-        ) -> Course:
-            worlds, axes = self._worlds(inputs)
-            start = at_start(worlds, axes, self._sensor, self._observer, self._plan(capacity))
-            start = eqx.tree_at(lambda one: one.is_over, start, course.is_over)
-            course = jax.tree.map(
-                lambda first, later: jnp.where(is_fresh.reshape(-1, *[1] * (later.ndim - 1)), first, later),
-                start,
-                course,
-            )
-            first_frame_s = inputs.departs_s - self._clock.interval_s
-            most_unfinished = jnp.floor(share_left * jnp.sum(~course.is_over)).astype(jnp.int32)
-            end_s = jnp.asarray(self._end_s, jnp.float32)
-            return go_on(
-                course,
-                worlds,
-                axes,
-                self._sensor,
-                self._observer,
-                self._plan(capacity),
-                first_frame_s,
-                end_s,
-                most_unfinished,
-            )
-
-        return on_one_device(inputs, course, is_fresh, share_left)
-
-
-class _Inputs(eqx.Module):
-    """What the runs of a batch are made from; arrays, or their shapes."""
-
-    values: Any
-    seeds: Any
-    departs_s: Any
-    settings: Any
 
 
 def _collisions_allowed(record: RunRecord) -> float:

@@ -28,7 +28,7 @@ NUM_REQUESTS = 10  # neither a multiple of 4 nor of 16: batches are filled up
 
 def runs_of_devices(simulator: JaxSimulator) -> list[list[int]]:
     """Return which runs of a batch each device computes, as the compiled program has it."""
-    (inputs, *_), _ = simulator._program(simulator.capacity).input_shardings
+    (inputs, *_), _ = simulator._program(simulator.capacity).program.input_shardings
     rows = inputs.values.devices_indices_map((simulator.batch, len(simulator.layout.names)))
     return sorted(list(range(simulator.batch))[place[0]] for place in rows.values())
 
