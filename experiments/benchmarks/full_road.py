@@ -55,7 +55,9 @@ class Cost:
     num_collisions: int
 
 
-def measure_road(problem: CalibrationProblem, num_vehicles: int, simulated_s: float, least_s: float) -> Cost:
+def measure_road(
+    problem: CalibrationProblem, num_vehicles: int, simulated_s: float, least_s: float, num_runs: int | None = None
+) -> Cost:
     """Return what a full road costs.
 
     Args:
@@ -63,10 +65,11 @@ def measure_road(problem: CalibrationProblem, num_vehicles: int, simulated_s: fl
         num_vehicles: vehicles on it.
         simulated_s: length of a run, a multiple of 10 s.
         least_s: it is repeated for as long as this, and three times at least.
+        num_runs: roads in a batch; as many as a calibration takes unless given.
     """
     template = stretched(problem.template, num_vehicles)
     capacity = int(SPARE * num_vehicles) + MORE_ROOM
-    num_runs = usual_runs_per_device(capacity)
+    num_runs = num_runs or usual_runs_per_device(capacity)
     clock = Clock(problem.parts.scenario.step_s, round(DECISION_INTERVAL_S / problem.parts.scenario.step_s))
     plan = RunPlan(clock, capacity + template.road.num_rows, round(FRAME_INTERVAL_S / clock.step_s))
     perception = problem.case.perception

@@ -59,11 +59,11 @@ def measure_sets(problem: CalibrationProblem, counts: list[int], rounds: int) ->
     return records
 
 
-def measure_vehicles(problem: CalibrationProblem, counts: list[int]) -> list[dict[str, Any]]:
+def measure_vehicles(problem: CalibrationProblem, counts: list[int], num_runs: int | None) -> list[dict[str, Any]]:
     """Return one record for each number of vehicles."""
     records = []
     for count in counts:
-        cost = asdict(measure_road(problem, count, SIMULATED_S, LEAST_S))
+        cost = asdict(measure_road(problem, count, SIMULATED_S, LEAST_S, num_runs))
         record = {"series": "vehicles", **cost, **costs(cost["wall_s"], cost["cpu_s"], cost["vehicle_steps"])}
         records.append(record)
         print(json.dumps(record), flush=True)
@@ -105,6 +105,7 @@ def scaling(
     *,
     most_sets: Annotated[int, Parameter(validator=Number(gte=1, lte=65_536))] = 4096,
     most_vehicles: Annotated[int, Parameter(validator=Number(gte=100, lte=1_000_000))] = 100_000,
+    roads: Annotated[int | None, Parameter(validator=Number(gte=1, lte=65_536))] = None,
     rounds: Annotated[int, Parameter(validator=Number(gte=1, lte=100))] = 3,
     figure: Path | None = None,
 ) -> int:
@@ -118,6 +119,8 @@ def scaling(
         Parameter sets go from 1 to that, times 4 each.
     most_vehicles
         Vehicles on one road go from 100 to that, times 10 each.
+    roads
+        Roads in a batch of the second series; as many as a calibration takes unless given.
     rounds
         Rounds of each number of sets; the fastest counts.
     figure
@@ -127,7 +130,7 @@ def scaling(
     problem = read_problem(case)
     sets = [4**power for power in range(9) if 4**power <= most_sets]
     vehicles = [10**power for power in range(2, 7) if 10**power <= most_vehicles]
-    records = measure_vehicles(problem, vehicles) + measure_sets(problem, sets, rounds)
+    records = measure_vehicles(problem, vehicles, roads) + measure_sets(problem, sets, rounds)
     if figure is not None:
         draw(records, figure)
     return 0
