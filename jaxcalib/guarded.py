@@ -6,6 +6,7 @@ from pathlib import Path
 
 from jaxcalib.calibration.evaluator import AllRunsFailedError
 from jaxcalib.errors import CaseError, ResourceError, shorten
+from sim_adapters.errors import TooLargeBatchError
 
 EXIT_CASE_WRONG = 2
 EXIT_SIMULATOR_FAILED = 3
@@ -27,7 +28,7 @@ def guarded(work: Callable[[], str], go_on: str, folder: Path | None = None, pro
         message = work()
     except CaseError as error:
         return _end(program, str(error), EXIT_CASE_WRONG)
-    except ResourceError as error:
+    except (ResourceError, TooLargeBatchError) as error:
         return _end(program, str(error), EXIT_RESOURCE)
     except AllRunsFailedError as error:
         what = shorten(str(error), 250)

@@ -11,6 +11,7 @@ from jax.sharding import Mesh
 from jax.sharding import PartitionSpec as Spec
 from jaxtyping import Array, Bool, Float
 
+from sim_adapters.device_memory import check_memory
 from sim_adapters.program_store import ProgramStore, compile_afresh
 from sim_adapters.world_builder import WorldTemplate
 from surrogate.course import Course, Observer, RunPlan
@@ -50,6 +51,15 @@ class CompiledBatch:
     program: jax.stages.Compiled
     course: Course
 
+    @property
+    def device_bytes(self) -> int | None:
+        """What a device's part of a batch takes, inputs and results included; None where nobody tells."""
+        memory = self.program.memory_analysis()
+        if memory is None:
+            return None
+        parts = (memory.temp_size_in_bytes, memory.argument_size_in_bytes, memory.output_size_in_bytes)
+        return sum(parts) - memory.alias_size_in_bytes
+
 
 @dataclass(frozen=True)
 class BatchProgram:
@@ -83,9 +93,22 @@ class BatchProgram:
         Args:
             capacity: vehicles on a road for which there is room.
             store: where programs are kept; None keeps none.
+
+        Raises:
+            TooLargeBatchError: a batch does not fit into the devices' memory.
         """
         inputs = self._input_shapes()
         course = jax.eval_shape(lambda inputs: self._at_start(inputs, capacity), inputs)
+        device, num_runs = self.mesh.devices.flat[0], self.batch // self.mesh.size
+        where_runs_are = sum(leaf.size * leaf.dtype.itemsize for leaf in jax.tree.leaves(course))
+        check_memory(where_runs_are // self.mesh.size, num_runs, device)  # the least: no need to compile
+        made = self._loaded_or_compiled(inputs, course, capacity, store)
+        check_memory(made.device_bytes or 0, num_runs, device)
+        return made
+
+    def _loaded_or_compiled(
+        self, inputs: BatchInputs, course: Course, capacity: int, store: ProgramStore | None
+    ) -> CompiledBatch:
         arguments = inputs, course, jax.ShapeDtypeStruct((self.batch,), bool), jax.ShapeDtypeStruct((), jnp.float32)
         key = None if store is None else store.key(self._made_from(capacity))
         if store is not None and key is not None:

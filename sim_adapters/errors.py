@@ -3,6 +3,10 @@
 from pathlib import Path
 
 
+class TooLargeBatchError(RuntimeError):
+    """A batch of runs that does not fit into the memory of the devices; the message says how many would."""
+
+
 class ScenarioError(ValueError):
     """A scenario that is wrong or that the surrogate cannot represent.
 

@@ -127,11 +127,10 @@ class JaxSimulator:
         Raises:
             RuntimeError: the devices do not tell.
         """
-        memory = self._program(self._capacity).program.memory_analysis()
-        if memory is None:
+        device_bytes = self._program(self._capacity).device_bytes
+        if device_bytes is None:
             raise RuntimeError("These devices do not tell how much memory a program needs.")
-        parts = (memory.temp_size_in_bytes, memory.argument_size_in_bytes, memory.output_size_in_bytes)
-        return (sum(parts) - memory.alias_size_in_bytes) * self._mesh.size
+        return device_bytes * self._mesh.size
 
     @property
     def batch(self) -> int:
@@ -147,6 +146,7 @@ class JaxSimulator:
         Raises:
             ValueError: a request names effects, but this simulator has none.
             UnknownEffectError: a request names one that there is not.
+            TooLargeBatchError: a batch does not fit into the devices' memory.
         """
         if not self._has_effects and any(request.effects for request in requests):
             raise ValueError("Expected requests without effects; a simulator from `with_effects()` takes them.")
