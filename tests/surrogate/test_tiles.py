@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from surrogate import tiles
 from surrogate.effects.settings import Effects, EffectSetting, settings_table
+from surrogate.lane_change import negotiation
 from surrogate.moving import move_on
 from surrogate.step import settle_lanes
 from surrogate.tiles import Chosen, Tile, all_tiles, for_each_tile, over_tiles, tiles_for
@@ -72,8 +73,10 @@ def test_a_run_is_the_same_whatever_the_tiles(
         return move_on(settled, world, CLOCK.step_s, CLOCK.steps_per_decision, num_tiles)
 
     monkeypatch.setattr(tiles, "LARGEST_TILE", num_entries)
+    monkeypatch.setattr(negotiation, "URGENT_TILE", num_entries)
     of_whole = jax.jit(lambda state: on(state, 1))(state)
     monkeypatch.setattr(tiles, "LARGEST_TILE", 48)
+    monkeypatch.setattr(negotiation, "URGENT_TILE", 2)
     in_use = state.head[-1] + world.inflow.lane_row.size
     assert int(tiles_for(in_use, num_entries)) < all_tiles(num_entries)
     of_tiles = jax.jit(lambda state: on(state, tiles_for(in_use, num_entries)))(state)
@@ -82,6 +85,8 @@ def test_a_run_is_the_same_whatever_the_tiles(
         kept = jax.tree.map(lambda leaf: leaf[: int(state.head[-1])], state.vehicles.personal)
         return eqx.tree_at(lambda s: s.vehicles.personal, state, kept, is_leaf=lambda leaf: leaf is None)
 
+    asked = np.asarray(of_whole.vehicles.own_advice_mps2)[: int(of_whole.head[-1])]
+    assert np.isfinite(asked).sum() > 2  # those who negotiate fill more than one tile
     whole, tiled = (without_nobodys_memories(state) for state in (of_whole, of_tiles))
     for one, other in zip(jax.tree.leaves(whole), jax.tree.leaves(tiled), strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-5, atol=1e-4)
