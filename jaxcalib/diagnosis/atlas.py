@@ -1,7 +1,7 @@
 """What each parameter and each effect would do to the features: known before the field is looked at."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from jaxcalib.diagnosis.features import Cell, DriveTallies
 from jaxcalib.diagnosis.noise import NullModel
 from jaxcalib.diagnosis.null_runs import NullRuns
 from jaxcalib.diagnosis.trials import Trial, paired_difference
+from jaxcalib.diagnosis.windows import Window
 from sim_adapters.interface import ParameterLayout
 from surrogate.effects.base import ActsOn, Effect, EffectSetting
 from surrogate.effects.registry import EFFECTS
@@ -22,36 +23,6 @@ USUAL_STEP = 0.1
 LEAST_STEP = 0.02
 BASELINE = "baseline"
 ALTERED_EXACTNESS = 0.4  # of altered drives: no surrogate, but the same effect may come in another form
-
-
-@dataclass(frozen=True)
-class Window:
-    """A place and time at which a local effect may be.
-
-    Attributes:
-        from_m: begin, as positions on the route.
-        to_m: end.
-        from_s: begin of the time; None for always.
-        to_s: its end.
-        lane: counted from the left; None for all.
-        sign: 1 where vehicles lose speed there, -1 where they gain.
-    """
-
-    from_m: float
-    to_m: float
-    from_s: float | None = None
-    to_s: float | None = None
-    lane: int | None = None
-    sign: float = 1.0
-
-    def setting(self) -> dict[str, float]:
-        """Return it for people and files."""
-        found: dict[str, float] = {"route_from_m": self.from_m, "route_to_m": self.to_m}
-        if self.from_s is not None and self.to_s is not None:
-            found |= {"time_from_s": self.from_s, "time_to_s": self.to_s}
-        if self.lane is not None:
-            found["lane_from_left"] = float(self.lane)
-        return found
 
 
 @dataclass(frozen=True)
@@ -129,14 +100,7 @@ def effect_trials(values: np.ndarray, num_runs: int, windows: Mapping[str, Seque
         is_local = effect.has_place or effect.has_time
         for window in windows.get(effect.name, ()) if is_local else (None,):
             for strength in effect_strengths(effect, window):
-                setting = EffectSetting(
-                    strength,
-                    route_from_m=window.from_m if window else None,
-                    route_to_m=window.to_m if window else None,
-                    time_from_s=window.from_s if window else None,
-                    time_to_s=window.to_s if window else None,
-                    choice=float(window.lane) if window and window.lane is not None else None,
-                )
+                setting = window.effect_setting(strength) if window else EffectSetting(strength)
                 name = f"{effect.name} {strength:g} {window}"
                 trial = Trial(name, _tuple(values), num_runs, {effect.name: setting})
                 trials.append(EffectTrial(effect, strength, window, trial))
@@ -226,90 +190,3 @@ def _signature(
 
 def _tuple(values: np.ndarray) -> tuple[float, ...]:
     return tuple(float(value) for value in values)
-
-
-@dataclass(frozen=True)
-class AtlasEntry:
-    """What is known of an effect on these roads before the field is looked at.
-
-    Attributes:
-        absorption: share of its signature that a shift of the parameters explains.
-        visible_from: weakest strength that would be seen in four of five cases; None if none would be.
-        alike: other effects whose signatures look alike after that shift, with the cosine.
-    """
-
-    absorption: float
-    visible_from: float | None
-    visible_with_more: float | None = None
-    alike: Mapping[str, float] = field(default_factory=dict)
-
-
-VISIBLE = 4.3  # size of a signature, in units of noise after the shift, that is seen in four of five cases
-MORE_DRIVES = 3
-ALIKE = 0.8
-
-
-def atlas_of(signatures: Mapping[str, Sequence[Signature]], null: NullModel, num_drives: int) -> dict[str, AtlasEntry]:
-    """Return the atlas.
-
-    Args:
-        signatures: of all effects; of local ones and rhythms the strongest signature speaks for the rest.
-        null: the null model.
-        num_drives: drives in the field.
-    """
-    precision = np.linalg.inv(null.covariance)
-    raw = np.linalg.inv(null.noise)
-    chosen: dict[str, Signature] = {}
-    for name, several in signatures.items():
-        chosen[name] = max(
-            several, key=lambda one: float(one.shift[-1] @ precision @ one.shift[-1]) / one.strengths[-1]
-        )
-    root = np.linalg.cholesky(precision).T
-    whitened = {name: root @ one.shift[-1] for name, one in chosen.items()}
-    entries = {}
-    for name, one in chosen.items():
-        seen = whitened[name] @ whitened[name]
-        total = float(one.shift[-1] @ raw @ one.shift[-1])
-        sizes = [float(np.sqrt(max(shift @ precision @ shift, 0.0))) for shift in one.shift]
-        alike = {}
-        for other, vector in whitened.items():
-            length = np.linalg.norm(vector) * np.linalg.norm(whitened[name])
-            cosine = float(vector @ whitened[name] / length) if length > 0 else 0.0
-            if other != name and abs(cosine) > ALIKE:
-                alike[other] = cosine
-        more = np.sqrt((num_drives + MORE_DRIVES) / num_drives)
-        entries[name] = AtlasEntry(
-            absorption=float(np.clip(1.0 - seen / total, 0.0, 1.0)) if total > 0 else 0.0,
-            visible_from=_visible_from(signatures[name], one, np.asarray(sizes), precision, VISIBLE),
-            visible_with_more=_visible_from(signatures[name], one, np.asarray(sizes), precision, VISIBLE / more),
-            alike=alike,
-        )
-    return entries
-
-
-def _visibility(one: Signature, precision: np.ndarray) -> float:
-    """Return how large a signature is per strength."""
-    return float(one.shift[-1] @ precision @ one.shift[-1]) / float(one.strengths[-1]) ** 2
-
-
-def _visible_from(
-    several: Sequence[Signature], chosen: Signature, sizes: np.ndarray, precision: np.ndarray, size: float
-) -> float | None:
-    """Return the weakest strength whose signature has a size; of fixed signatures the weakest that has."""
-    if not chosen.is_fixed:
-        return _strength_of_size(chosen.strengths, sizes, size)
-    visible = [one.strengths[-1] for one in several if float(one.shift[-1] @ precision @ one.shift[-1]) >= size**2]
-    return float(min(visible)) if visible else None
-
-
-def _strength_of_size(strengths: np.ndarray, sizes: np.ndarray, size: float) -> float | None:
-    """Return the strength at which a signature has a size; linear, up to twice the strongest that was tried."""
-    if sizes[-1] <= 0.0:
-        return None
-    for place in range(1, len(sizes)):
-        if sizes[place] >= size:
-            low, high = sizes[place - 1], sizes[place]
-            share = (size - low) / max(high - low, 1e-12) if low < size else 0.0
-            return float(strengths[place - 1] + share * (strengths[place] - strengths[place - 1]))
-    beyond = float(strengths[-1] * size / sizes[-1])
-    return beyond if beyond <= 2.0 * strengths[-1] else None

@@ -10,12 +10,12 @@ from jaxcalib.diagnosis.evidence import NONE, UNKNOWN
 from jaxcalib.diagnosis.features import Cell
 from jaxcalib.diagnosis.findings import Findings
 from jaxcalib.diagnosis.further import best_effect, most_flexible_shift, next_steps, second_effect
-from jaxcalib.diagnosis.investigation import gain_of, shift_in_errors, transfer
+from jaxcalib.diagnosis.investigation import gain_of, transfer
 from jaxcalib.diagnosis.ledger import LedgerEntry, parameter_shift
 from jaxcalib.diagnosis.noise import on_cells
-from jaxcalib.diagnosis.remarks import FEW_DRIVES, not_testable, unexplained, warnings_of
+from jaxcalib.diagnosis.remarks import not_testable, unexplained, warnings_of
 from jaxcalib.diagnosis.shrinkage import measure_shrinkage
-from jaxcalib.diagnosis.verdict import Verdict, judge
+from jaxcalib.diagnosis.verdict import Verdict
 from jaxcalib.problem import CalibrationProblem
 from surrogate.effects.registry import EFFECTS, effect_named
 
@@ -27,11 +27,7 @@ HOW_FAR = ("gap_default", "gap_recalibrated", "gap_with_effect", "noise_floor", 
 def conclude(findings: Findings) -> Diagnosis:
     """Return the diagnosis."""
     problem, fitted = findings.problem, findings.fitted
-    shift = shift_in_errors(problem, findings.values, fitted)
-    verdict = judge(
-        findings.explained, findings.least_gain, len(fitted.null.cells), shift, len(fitted.tallies) < FEW_DRIVES
-    )
-    layout = problem.layout
+    verdict, layout = findings.verdict, problem.layout
     best = best_effect(findings.explained, verdict)
     second = None
     if best is not None:
@@ -176,23 +172,30 @@ def _how_far(findings: Findings, verdict: Verdict) -> dict[str, Any]:
     held_out, fitted = findings.held_out, findings.fitted
     if held_out is None:
         return dict.fromkeys(HOW_FAR) | {"reason": "no drive is held out, or too little of it is seen"}
-    baseline = parameter_shift(fitted.difference, fitted.null)
+    null = held_out.null
     best = best_effect(findings.explained, verdict)
-    shift, steps = None, baseline
-    if best is not None and best.shift is not None:
-        shift = transfer(best.shift, fitted.null, held_out.null)
-        steps = parameter_shift(fitted.difference - best.shift, fitted.null)
     flexible = most_flexible_shift(fitted.difference, fitted.null, findings.signatures)
-    flexible_steps = parameter_shift(fitted.difference - flexible, fitted.null)
+
+    def recalibrated(shift: np.ndarray) -> np.ndarray:
+        """Return what a shift of the features does, with the parameters that the drives to fit then ask for."""
+        steps = parameter_shift(fitted.difference - shift, fitted.null)
+        return null.slope @ steps + transfer(shift, fitted.null, null)
+
+    with_effect = None
+    if findings.refit is not None:
+        with_effect = findings.refit.expected(null, fitted.null)
+    elif best is not None and best.shift is not None:
+        with_effect = recalibrated(best.shift)
     found = measure_shrinkage(
         held_out.tallies,
-        held_out.null,
+        null,
         findings.null_runs,
-        on_cells(findings.default, held_out.null.cells).values(),
-        baseline,
-        steps,
-        shift,
-        (flexible_steps, transfer(flexible, fitted.null, held_out.null)),
+        {
+            "default": null.standardised(on_cells(findings.default, null.cells).values()),
+            "recalibrated": recalibrated(np.zeros_like(fitted.difference)),
+            "with_effect": with_effect,
+            "ceiling": recalibrated(flexible),
+        },
         np.random.default_rng(findings.seed),
     )
     values = (

@@ -186,6 +186,15 @@ def predicted(signature: Signature, strength: float, alike: np.ndarray) -> tuple
     return shift, np.outer(wrong, wrong) * alike + np.diag(error**2)
 
 
+def signature_behind(several: Sequence[Signature], one: Explained) -> Signature:
+    """Return the signature that speaks for an explanation: at its place, of its sign, of rhythms the nearest."""
+    there = [each for each in several if dict(each.setting) == dict(one.setting or {})] or list(several)
+    with_sign = [each for each in there if each.sign * one.strength >= 0.0] or there
+    if not with_sign[0].is_fixed:
+        return with_sign[0]
+    return min(with_sign, key=lambda each: abs(each.strengths[-1] - abs(one.strength)))
+
+
 def groups_of(cells: Sequence[Cell]) -> list[np.ndarray]:
     """Return masks of what something unknown may shift: all features, or those of one channel, role, lane, or kind."""
     masks = [np.ones(len(cells), bool)]

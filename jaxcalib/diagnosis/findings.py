@@ -5,12 +5,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jaxcalib.diagnosis.atlas import AtlasEntry, Window
 from jaxcalib.diagnosis.evidence import Explained, Signature
 from jaxcalib.diagnosis.features import DriveTallies
 from jaxcalib.diagnosis.investigation import Prepared
 from jaxcalib.diagnosis.ledger import LedgerEntry, make_ledger
+from jaxcalib.diagnosis.refit import Refit
 from jaxcalib.diagnosis.sumo_check import Check
+from jaxcalib.diagnosis.verdict import Verdict
+from jaxcalib.diagnosis.visibility import AtlasEntry
+from jaxcalib.diagnosis.windows import Window
 from jaxcalib.problem import CalibrationProblem
 
 
@@ -28,7 +31,8 @@ class Findings:
         null_runs: tallies of SUMO runs with the calibrated values.
         default: tallies of SUMO runs of the scenario as it is.
         explained: explanations, best first.
-        least_gain: gain in log evidence of the best explanation, without the drive that favours it most.
+        verdict: the answer.
+        refit: the best effect, fitted once more around runs that contain it; None where there is none.
         signatures: of all effects that were tried.
         atlas: what is known of each effect beforehand.
         windows: where local effects were tried.
@@ -46,7 +50,8 @@ class Findings:
     null_runs: DriveTallies
     default: DriveTallies
     explained: Sequence[Explained]
-    least_gain: float
+    verdict: Verdict
+    refit: Refit | None
     signatures: Mapping[str, Sequence[Signature]]
     atlas: Mapping[str, AtlasEntry]
     windows: Mapping[str, Sequence[Window]]

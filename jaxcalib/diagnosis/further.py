@@ -14,6 +14,7 @@ from jaxcalib.diagnosis.evidence import (
     alike_errors,
     log_density,
     predicted,
+    signature_behind,
     strengths_of,
 )
 from jaxcalib.diagnosis.noise import NullModel
@@ -48,10 +49,7 @@ def second_effect(
     if first.name not in signatures:
         return None
     alike = alike_errors(null)
-    own = next(
-        (one for one in signatures[first.name] if dict(one.setting) == dict(first.setting or {})),
-        signatures[first.name][0],
-    )
+    own = signature_behind(signatures[first.name], first)
     firsts = [predicted(own, one, alike) for one in strengths_of(own, effect_named(first.name).medium)]
     alone = _evidence([log_density(difference - s, null.covariance + c)[0] for s, c in firsts])
     found = []

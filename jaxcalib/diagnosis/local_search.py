@@ -4,9 +4,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from jaxcalib.diagnosis.atlas import Window
 from jaxcalib.diagnosis.conventions import Conventions
 from jaxcalib.diagnosis.noise import NullModel
+from jaxcalib.diagnosis.windows import Window
 
 WIDTHS = (1, 2, 3, 4)  # in stretches
 BEST = 2

@@ -10,6 +10,8 @@ from jaxcalib.diagnosis.features import Cell, DriveTallies
 
 FEWEST_EFFECTIVE_DRIVES = 3.5
 FEWEST_EFFECTIVE_RUNS = 10.0
+# An identity holds in every drive, and what it leaves open is a tolerance rather than chance: a few drives will do.
+FEWEST_DRIVES_OF_IDENTITY, FEWEST_RUNS_OF_IDENTITY = 1.5, 4.0
 FEWEST_EVENTS = 5.0
 ROWS_PER_EVENT = 20.0  # a vehicle that shows something shows it in some 20 rows, 10 s, in a row
 TAIL, NORMAL_TAIL = 0.995, 2.807  # a quantile of means over as many drives as the field has, and the normal one
@@ -94,8 +96,11 @@ def observed_cells(field: DriveTallies, null: DriveTallies) -> tuple[Cell, ...]:
     """Return the features that both observe often enough to have a mean and a noise."""
     cells = tuple(cell for cell in null.cells if cell in set(field.cells))
     field, null = on_cells(field, cells), on_cells(null, cells)
-    most = min(FEWEST_EFFECTIVE_DRIVES, 0.6 * len(field))
-    enough = (effective_number(field.below) >= most) & (effective_number(null.below) >= FEWEST_EFFECTIVE_RUNS)
+    is_identity = open_deviation(cells) > 0.0
+    fewest_drives = np.where(is_identity, FEWEST_DRIVES_OF_IDENTITY, FEWEST_EFFECTIVE_DRIVES)
+    fewest_runs = np.where(is_identity, FEWEST_RUNS_OF_IDENTITY, FEWEST_EFFECTIVE_RUNS)
+    enough = effective_number(field.below) >= np.minimum(fewest_drives, 0.6 * len(field))
+    enough &= effective_number(null.below) >= fewest_runs
     # events: fewer than a handful have no normal distribution
     ratio = null.above.mean(axis=0) / np.maximum(null.below.mean(axis=0), 1e-12)
     expected = np.abs(ratio) * field.below.sum(axis=0)

@@ -5,10 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from jaxcalib.diagnosis.atlas import EffectTrial, Window, effect_trials, surrogate_signatures
-from jaxcalib.diagnosis.evidence import Explained, Signature, explain
+from jaxcalib.diagnosis.atlas import EffectTrial, effect_trials, surrogate_signatures
+from jaxcalib.diagnosis.evidence import Explained, Signature, explain, signature_behind
 from jaxcalib.diagnosis.features import DriveTallies
 from jaxcalib.diagnosis.noise import NullModel
+from jaxcalib.diagnosis.windows import Window, window_of
 from surrogate.effects.base import Effect
 from surrogate.effects.registry import effect_named
 
@@ -50,10 +51,12 @@ def refine_places(
     local = [one for one in explained[:AMONG_BEST] if one.setting and "route_from_m" in one.setting]
     for one in local[:MOST_REFINED]:
         effect = effect_named(one.name)
-        best = _signature_at(found[one.name], one.setting or {})
+        best = signature_behind(found[one.name], one)
         evidence = _evidence(difference, null, best, effect)
         for round_number, (step_m, step_s) in enumerate(STEPS):
-            around = neighbours(_window_of(best), step_m, step_s, lanes if round_number == 0 else ())
+            window = window_of(best)
+            assert window is not None
+            around = neighbours(window, step_m, step_s, lanes if round_number == 0 else ())
             trials = _nearest_strength(effect_trials(values, num_runs, {one.name: around}), one.name, one.strength)
             several = surrogate_signatures(trials, run(trials), null)[one.name]
             judged = [_evidence(difference, null, each, effect) for each in several]
@@ -89,23 +92,6 @@ def neighbours(window: Window, step_m: float, step_s: float, lanes: Sequence[int
     if window.lane is not None:
         found += [replace(window, lane=lane) for lane in lanes if lane != window.lane]
     return found
-
-
-def _window_of(signature: Signature) -> Window:
-    at = signature.setting
-    lane = at.get("lane_from_left")
-    return Window(
-        at["route_from_m"],
-        at["route_to_m"],
-        at.get("time_from_s"),
-        at.get("time_to_s"),
-        None if lane is None else int(lane),
-        signature.sign,
-    )
-
-
-def _signature_at(several: Sequence[Signature], setting: Mapping[str, float]) -> Signature:
-    return next(one for one in several if dict(one.setting) == dict(setting))
 
 
 def _nearest_strength(trials: Sequence[EffectTrial], name: str, strength: float) -> list[EffectTrial]:

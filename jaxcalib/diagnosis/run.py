@@ -7,34 +7,35 @@ import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-import jax.numpy as jnp
 import numpy as np
 
 from jaxcalib.calibration.budget import plan_budget
 from jaxcalib.diagnosis.answer import Diagnosis
-from jaxcalib.diagnosis.atlas import EffectTrial, atlas_of, effect_trials, parameter_trials
+from jaxcalib.diagnosis.atlas import EffectTrial, effect_trials, parameter_trials
 from jaxcalib.diagnosis.conclusion import conclude, refuse
 from jaxcalib.diagnosis.contest import Contest, best_gain
 from jaxcalib.diagnosis.conventions import conventions_of, expected_drivers
-from jaxcalib.diagnosis.drive_features import COARSE_S, DriveFeatures
+from jaxcalib.diagnosis.drive_features import DriveFeatures
 from jaxcalib.diagnosis.drive_table import drive_table
+from jaxcalib.diagnosis.explained_runs import ExplainedRunner
 from jaxcalib.diagnosis.features import DriveTallies, gather_tallies
 from jaxcalib.diagnosis.findings import Findings
-from jaxcalib.diagnosis.frame_recorder import FrameRecorder
-from jaxcalib.diagnosis.investigation import NotTestableError, all_signatures, prepare
+from jaxcalib.diagnosis.further import best_effect
+from jaxcalib.diagnosis.investigation import NotTestableError, all_signatures, prepare, shift_in_errors
 from jaxcalib.diagnosis.local_search import windows_of_effects
 from jaxcalib.diagnosis.null_runs import fine_interval_s
 from jaxcalib.diagnosis.place_search import refine_places
 from jaxcalib.diagnosis.plan import plan_diagnosis
+from jaxcalib.diagnosis.refit import refit, with_refit
+from jaxcalib.diagnosis.remarks import FEW_DRIVES
 from jaxcalib.diagnosis.stages import Stages
 from jaxcalib.diagnosis.sumo_check import Check, check_in_sumo
 from jaxcalib.diagnosis.sumo_runs import SumoRuns
-from jaxcalib.diagnosis.trials import TrialRunner
-from jaxcalib.diagnosis.verdict import LEAST_EVIDENCE
+from jaxcalib.diagnosis.trial_engine import trial_runner
+from jaxcalib.diagnosis.trials import Trial
+from jaxcalib.diagnosis.verdict import LEAST_EVIDENCE, judge
+from jaxcalib.diagnosis.visibility import atlas_of
 from jaxcalib.engines import (
-    DECISION_INTERVAL_S,
-    OBJECTS_PER_ROW,
-    expected_vehicles,
     prepare_devices,
     sumo_engine,
     surrogate_engine,
@@ -45,17 +46,11 @@ from jaxcalib.problem import CalibrationProblem, read_problem
 from jaxcalib.progress import Progress, Silent
 from jaxcalib.run_folder import RunFolder, identify, open_run_folder
 from jaxcalib.settings import Settings
-from sim_adapters.jax_simulator import JaxSimulator
 from sim_adapters.sumo_effects import is_expressible
 from surrogate.effects.registry import EFFECTS
-from surrogate.perception import Sensor
-from surrogate.world import Clock
 
 RECALIBRATION_SCALE = 0.5  # of the calibration's numbers of runs; the last step is taken on all features anyway
 TRIAL_SEED = 800_000
-SPARE_CAPACITY = 1.8  # effects can make traffic denser
-PLACES_FOR_OBJECTS = 128
-FRAMES_STEP = 128
 
 
 def diagnose(
@@ -137,7 +132,7 @@ def _diagnose(
 
     progress.stage("atlas")
     with stopwatch.time("atlas"):
-        runner = _trial_runner(problem, features, first_seed + TRIAL_SEED)
+        runner = trial_runner(problem, features, first_seed + TRIAL_SEED)
         slopes = parameter_trials(problem.layout, values, plan.slope_runs)
         found = stages.tallies(f"slopes {key}", lambda: runner.run(slopes, progress.surrogate_runs))
         everywhere = effect_trials(values, plan.effect_runs, {})
@@ -208,10 +203,28 @@ def _diagnose(
         if not is_fit.all():
             with contextlib.suppress(NotTestableError):
                 held_out = prepare(problem, field.take(~is_fit), runs, found)
+        shift = shift_in_errors(problem, values, fitted)
+        verdict = judge(explained, gain, len(fitted.null.cells), shift, int(is_fit.sum()) < FEW_DRIVES)
+        best = best_effect(explained, verdict)
+
+    refitted = None
+    if best is not None and best.name in signatures:
+        progress.stage("refit")
+
+        def run_explained(trial: Trial) -> Mapping[str, DriveTallies]:
+            """Return tallies of a trial, with the baseline's."""
+            part = f"explained {key} {trial.name}"
+            found.update(stages.tallies(part, lambda: runner.run([trial], progress.surrogate_runs)))
+            return found
+
+        with stopwatch.time("refit"):
+            maker = ExplainedRunner(problem, values, in_sumo, run_explained, plan.effect_runs)
+            refitted = refit(fitted, best, signatures[best.name], maker.run)
+            explained = with_refit(explained, refitted)
 
     num_surrogate = searched.surrogate.num_runs + sum(len(tallies) for tallies in found.values())
     num_sumo = len(searched.confirmation.outcomes) + len(runs.plain) + len(default)
-    num_sumo += sum(one.num_runs for one in checks)
+    num_sumo += sum(one.num_runs for one in checks) + (refitted.num_sumo_runs if refitted else 0)
     stopwatch.add("reading", 0.0)
     findings = Findings(
         problem=problem,
@@ -223,7 +236,8 @@ def _diagnose(
         null_runs=runs.plain,
         default=default,
         explained=explained,
-        least_gain=gain,
+        verdict=verdict,
+        refit=refitted,
         signatures=signatures,
         atlas=atlas_of(signatures, fitted.null, int(is_fit.sum())),
         windows=windows,
@@ -238,23 +252,3 @@ def _diagnose(
 
     run_folder.write_text("diagnosis.html", report_html(findings, diagnosis))
     return diagnosis
-
-
-def _trial_runner(problem: CalibrationProblem, features: DriveFeatures, first_seed: int) -> TrialRunner:
-    scenario, perception = problem.parts.scenario, problem.case.perception
-    longest_s = scenario.duration_s - min(drive.depart_s for drive in problem.case.drives)
-    num_frames = FRAMES_STEP * int(np.ceil((longest_s / COARSE_S + 2) / FRAMES_STEP))
-    recorder = FrameRecorder(num_frames, PLACES_FOR_OBJECTS)
-    engine = JaxSimulator(
-        template=problem.template,
-        observer=recorder,
-        sensor=Sensor(
-            jnp.asarray(perception.ahead_m, jnp.float32), jnp.asarray(perception.behind_m, jnp.float32), OBJECTS_PER_ROW
-        ),
-        clock=Clock(scenario.step_s, max(1, round(DECISION_INTERVAL_S / scenario.step_s))),
-        end_s=scenario.duration_s,
-        capacity=expected_vehicles(problem, SPARE_CAPACITY),
-        frame_interval_s=COARSE_S,
-    ).with_effects()
-    departs = sorted({drive.depart_s for drive in problem.case.drives})
-    return TrialRunner(engine, recorder, features, departs, first_seed, COARSE_S)

@@ -1,19 +1,22 @@
 """How far the gap shrinks, on drives that nothing was fitted to or chosen by.
 
-The gap is the mean over features of the squared difference between drives and simulation in units of noise. A single
-feature counts at most CAP, so that none of them is the whole answer. The floor is the gap of sets of null runs.
+The gap is the mean square of the differences between drives and simulation, weighed by the covariance of the drives'
+noise: features that move together with one jam count once, those that hardly vary count for what they show. The
+floor is the gap of sets of null runs.
+
+Source: Mahalanobis (1936), Proc. Natl. Inst. Sci. India 2, 49-55, eq. 3.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import solve_triangular
 
 from jaxcalib.diagnosis.features import DriveTallies
 from jaxcalib.diagnosis.noise import NullModel, on_cells
 
-CAP = 100.0
-NUM_DRAWS = 400
-NUM_FLOOR_SETS = 60
+NUM_SETS = 400
 INTERVAL = (0.05, 0.95)
 
 
@@ -27,8 +30,9 @@ class Shrinkage:
         with_effect: of that with the effect.
         ceiling: with all effects of the library at once, each as strong as the drives to fit ask for.
         floor: what chance alone makes of it.
-        fraction_closed: share of the gap above the floor that the effect closes; None where there is no such gap.
-        interval_90: its interval over drives; None where one drive was held out or there is no gap.
+        fraction_closed: share of the gap above the floor that the effect closes, at most 1; None where there is no such
+            gap.
+        interval_90: its interval; None where there is no gap.
     """
 
     default: float
@@ -40,31 +44,54 @@ class Shrinkage:
     interval_90: tuple[float, float] | None
 
 
-def noise_floor(simulated: DriveTallies, null: NullModel, num_drives: int, random: np.random.Generator) -> float:
-    """Return the mean gap of sets of null runs, as many as there are drives.
+@dataclass(frozen=True)
+class Gap:
+    """Measures gaps of differences that are in units of a null model's noise.
 
-    A set is part of the runs that its gap is measured from; what that takes off its variance is put back.
+    Attributes:
+        root: lower triangular root of the noise's covariance.
+    """
+
+    root: np.ndarray
+
+    @staticmethod
+    def of(null: NullModel) -> "Gap":
+        """Return the measure for a null model."""
+        return Gap(np.linalg.cholesky(null.noise))
+
+    def directions(self, difference: np.ndarray) -> np.ndarray:
+        """Return a difference in directions whose noise is independent; [feature] or [feature, set]."""
+        return solve_triangular(self.root, np.nan_to_num(difference, nan=0.0), lower=True, check_finite=False)
+
+    def __call__(self, difference: np.ndarray) -> float:
+        """Return the gap of a difference; features that the drives do not show count as explained."""
+        return float(np.mean(self.directions(difference) ** 2))
+
+
+def differences_by_chance(
+    simulated: DriveTallies, null: NullModel, num_drives: int, random: np.random.Generator
+) -> np.ndarray:
+    """Return the differences of sets of null runs, as many as there are drives, in units of noise, [set, feature].
+
+    A set is part of the runs that it is compared with; what that takes off its variance is put back.
     """
     runs = on_cells(simulated, null.cells)
     size = min(num_drives, len(runs) // 2)
+    one, all_runs = 1.0 / size, 1.0 / len(runs)
+    scale = np.sqrt((1.0 / num_drives + all_runs) / (one - all_runs))
     found = []
-    for _ in range(NUM_FLOOR_SETS):
+    for _ in range(NUM_SETS):
         drawn = runs.take(random.permutation(len(runs))[:size])
         values = np.where(drawn.below.sum(axis=0) > 0, drawn.values(), null.mean)
-        found.append(np.mean(np.minimum(null.standardised(values) ** 2, CAP)))
-    one, all_runs = 1.0 / size, 1.0 / len(runs)
-    return float(np.mean(found)) * (1.0 / num_drives + all_runs) / (one - all_runs)
+        found.append(scale * null.standardised(values))
+    return np.asarray(found)
 
 
 def measure_shrinkage(
     held_out: DriveTallies,
     null: NullModel,
     simulated: DriveTallies,
-    default_values: np.ndarray,
-    baseline_steps: np.ndarray,
-    effect_steps: np.ndarray,
-    effect_shift: np.ndarray | None,
-    flexible: tuple[np.ndarray, np.ndarray],
+    expected: Mapping[str, np.ndarray | None],
     random: np.random.Generator,
 ) -> Shrinkage:
     """Return the gaps.
@@ -73,42 +100,44 @@ def measure_shrinkage(
         held_out: tallies of the drives.
         null: the null model for as many drives.
         simulated: tallies of the null runs, for the floor.
-        default_values: features of the scenario as it is.
-        baseline_steps: shift of the parameters that the drives to fit ask for, without effect.
-        effect_steps: the same with the effect.
-        effect_shift: what the effect adds to the features, in units of noise; None where no effect was found.
-        flexible: shift of the parameters and of the features with all effects at once.
-        random: for the interval.
+        expected: by how much features differ from the null's, in units of noise, in the scenario as it is ("default"),
+            with the parameters that the drives to fit ask for ("recalibrated"), with the effect ("with_effect"; None
+            where none was found), and with all effects at once ("ceiling").
+        random: for the floor.
     """
-    tallies = on_cells(held_out, null.cells)
-
-    def gap(difference: np.ndarray) -> float:
-        return float(np.mean(np.minimum(np.nan_to_num(difference, nan=0.0) ** 2, CAP)))
-
-    def gaps(values: np.ndarray) -> tuple[float, float]:
-        difference = null.standardised(values)
-        before = gap(difference - null.slope @ baseline_steps)
-        if effect_shift is None:
-            return before, before
-        return before, gap(difference - null.slope @ effect_steps - effect_shift)
-
-    floor = noise_floor(simulated, null, len(tallies), random)
-    values = tallies.values()
-    recalibrated, with_effect = gaps(values)
-    ceiling = gap(null.standardised(values) - null.slope @ flexible[0] - flexible[1])
-    default = gap(null.standardised(values) - null.standardised(default_values))
+    tallies, gap = on_cells(held_out, null.cells), Gap.of(null)
+    difference = null.standardised(tallies.values())
+    left = {name: difference - shift for name, shift in expected.items() if shift is not None}
+    gaps = {name: gap(one) for name, one in left.items()}
+    by_chance = differences_by_chance(simulated, null, len(tallies), random)
+    chance = np.asarray([gap(one) for one in by_chance])
+    floor, recalibrated = float(chance.mean()), gaps["recalibrated"]
+    with_effect = gaps.get("with_effect", recalibrated)
+    ceiling = min(gaps["ceiling"], with_effect)
     fraction, interval = None, None
-    if effect_shift is not None and recalibrated > floor:
-        fraction = (recalibrated - with_effect) / (recalibrated - floor)
-        if len(tallies) > 1:
-            draws = []
-            for _ in range(NUM_DRAWS):
-                drawn = tallies.take(random.integers(0, len(tallies), len(tallies)))
-                one, other = gaps(np.where(drawn.below.sum(axis=0) > 0, drawn.values(), values))
-                # drawing drives again adds their noise a second time
-                excess = one - 2.0 * floor if one > 2.0 * floor else max(one - floor, 1e-6)
-                draws.append((one - other) / excess)
-            low, high = np.quantile(draws, INTERVAL)
-            # more than all of a gap cannot be closed; what lies above is noise of the ratio
-            interval = (float(min(low, fraction)), float(max(min(high, 1.0), fraction)))
-    return Shrinkage(default, recalibrated, with_effect, ceiling, floor, fraction, interval)
+    if "with_effect" in gaps and recalibrated > floor:
+        fraction = min((recalibrated - with_effect) / (recalibrated - floor), 1.0)
+        noise = gap.directions(by_chance.T).T
+        closed_by = gap.directions(left["recalibrated"] - left["with_effect"])
+        remaining = gap.directions(left["with_effect"]) * np.sqrt(max(with_effect - floor, 0.0) / with_effect)
+        closed = recalibrated - with_effect - 2.0 * (noise * closed_by).mean(axis=1)
+        excess = with_effect - chance - 2.0 * (noise * remaining).mean(axis=1)
+        interval = _interval(closed, excess, recalibrated - floor, fraction)
+    return Shrinkage(gaps["default"], recalibrated, with_effect, ceiling, floor, fraction, interval)
+
+
+def _interval(closed: np.ndarray, excess: np.ndarray, gap_above_floor: float, fraction: float) -> tuple[float, float]:
+    """Return the interval of the fraction closed, from sets of null runs, whose noise stands for that of the drives.
+
+    The noise of each set, and its products with what the effect closes and leaves, are taken off what was seen.
+
+    Args:
+        closed: gap that the effect closes, for each set.
+        excess: gap that it leaves above chance, for each set.
+        gap_above_floor: of the recalibrated simulation; at least half of it is there.
+        fraction: the estimate; it lies inside.
+    """
+    excess = np.maximum(excess, 0.0)
+    shares = np.minimum(closed / np.maximum(closed + excess, 0.5 * gap_above_floor), 1.0)
+    low, high = np.quantile(shares, INTERVAL)
+    return float(min(low, fraction)), float(max(high, fraction))

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from jaxcalib.diagnosis.evidence import NONE, SIGNATURE_ERROR, UNKNOWN, Explained, Signature
+from jaxcalib.diagnosis.evidence import NONE, SIGNATURE_ERROR, UNKNOWN, Explained, Signature, signature_behind
 from jaxcalib.diagnosis.features import DriveTallies
 from jaxcalib.diagnosis.noise import NullModel, on_cells
 from surrogate.effects.base import EffectSetting
@@ -86,7 +86,7 @@ def check_in_sumo(
         if one is None:
             break
         done.add(one.name)
-        best = _signature_of(found[one.name], one)
+        best = signature_behind(found[one.name], one)
         strength = best.strengths[-1] if best.is_fixed else abs(one.strength)
         tallies = run(one.name, EffectSetting(best.sign * strength))
         if tallies is None:
@@ -141,14 +141,6 @@ def _contenders(explained: Sequence[Explained]) -> list[Explained]:
     effects = [one for one in explained if one.name not in (NONE, UNKNOWN)]
     best = effects[0].log_evidence if effects else 0.0
     return [one for place, one in enumerate(effects) if place < 2 or one.log_evidence > best - WITHIN]
-
-
-def _signature_of(several: Sequence[Signature], one: Explained) -> Signature:
-    """Return the signature that speaks for an explanation: of rhythms the nearest to its strength."""
-    with_sign = [each for each in several if each.sign * one.strength >= 0.0] or list(several)
-    if not with_sign[0].is_fixed:
-        return with_sign[0]
-    return min(with_sign, key=lambda each: abs(each.strengths[-1] - abs(one.strength)))
 
 
 def _check(

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from jaxcalib.calibration.evaluator import AllRunsFailedError
+from jaxcalib.diagnosis.altered_drives import ALTERATIONS
 from jaxcalib.diagnosis.drive_features import DriveFeatures
 from jaxcalib.diagnosis.features import DriveTallies
 from jaxcalib.diagnosis.null_runs import NullRuns, alterations_of, fine_interval_s, run_null
@@ -15,7 +16,7 @@ from jaxcalib.problem import CalibrationProblem
 from surrogate.effects.base import Effect, EffectSetting
 from surrogate.effects.registry import EFFECTS
 
-NULL_SEED, DEFAULT_SEED, CHECK_SEED = 600_000, 700_000, 900_000
+NULL_SEED, DEFAULT_SEED, CHECK_SEED, EXPLAINED_SEED = 600_000, 700_000, 900_000, 950_000
 
 
 @dataclass(frozen=True)
@@ -70,6 +71,27 @@ class SumoRuns:
         part = f"check {name} {setting!r}"
         try:
             return self._plain(part, self.values, self.plan.check_runs, CHECK_SEED, {name: setting})
+        except AllRunsFailedError:
+            return None
+
+    def explained(self, name: str, strength: float, values: np.ndarray) -> DriveTallies | None:
+        """Return runs with values of their own and an effect; None where they fail.
+
+        A sensor's effect is put into the drives that SUMO makes, any other by SUMO's own means.
+        """
+        num_runs, seed = self.plan.check_runs, self.first_seed + EXPLAINED_SEED
+        is_altered = name in ALTERATIONS
+
+        def make() -> dict[str, DriveTallies]:
+            alterations = [(name, strength)] if is_altered else []
+            effects = {} if is_altered else {name: EffectSetting(strength)}
+            runs = run_null(
+                self.problem, self.features, values, num_runs, num_runs, alterations, seed, self.on_runs, effects
+            )
+            return {"": runs.altered[name, strength] if is_altered else runs.plain}
+
+        try:
+            return self.stages.tallies(f"explained {name} {strength!r} {values.tolist()!r} {self._key}", make)[""]
         except AllRunsFailedError:
             return None
 

@@ -8,10 +8,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from synthetic import made_up_null
 
-from jaxcalib.diagnosis.atlas import BASELINE, EffectTrial, Window
+from jaxcalib.diagnosis.atlas import BASELINE, EffectTrial
 from jaxcalib.diagnosis.evidence import Explained, Signature
 from jaxcalib.diagnosis.features import DriveTallies
 from jaxcalib.diagnosis.place_search import SHORTEST_M, SHORTEST_S, neighbours, refine_places
+from jaxcalib.diagnosis.windows import Window
 
 NULL = made_up_null()
 SIZE = len(NULL.cells)

@@ -1,0 +1,117 @@
+"""An explanation fitted once more around runs that contain it, on made-up drives whose effect is not linear."""
+
+import numpy as np
+import pytest
+from synthetic import made_up_null
+
+from jaxcalib.diagnosis.atlas import Slopes
+from jaxcalib.diagnosis.evidence import Explained, Signature, explain
+from jaxcalib.diagnosis.explained_runs import ExplainedRuns, moved_values
+from jaxcalib.diagnosis.features import DriveTallies
+from jaxcalib.diagnosis.investigation import Prepared
+from jaxcalib.diagnosis.ledger import parameter_shift
+from jaxcalib.diagnosis.refit import refit, with_refit
+from jaxcalib.diagnosis.windows import Window, window_of
+
+NULL = made_up_null(num_features=60)
+SIZE = len(NULL.cells)
+DIRECTION = 6.0 * np.random.default_rng(1).standard_normal(SIZE)
+BEND = 1.5 * np.random.default_rng(2).standard_normal(SIZE)
+STEPS = np.asarray([0.8, -1.1, 0.4])
+STRENGTHS = np.asarray([0.0, 0.5, 0.8])  # memory: medium and strong
+TRUE_STRENGTH = 0.75
+NUM_RUNS = 300
+
+
+def truth(steps: np.ndarray, strength: float) -> np.ndarray:
+    """Return what parameters and effect do: the effect grows faster than its strength, and weakens with a parameter."""
+    return NULL.slope @ steps + strength * (1.0 - 0.15 * steps[0]) * DIRECTION + strength**2 * BEND
+
+
+def tallies(shift: np.ndarray, num_runs: int = NUM_RUNS, seed: int = 3) -> DriveTallies:
+    spread = np.sqrt(8.0) * np.random.default_rng(seed).standard_normal((num_runs, SIZE))
+    above = NULL.mean + NULL.deviation * (shift + spread)
+    return DriveTallies(NULL.cells, above, np.ones_like(above), np.zeros(num_runs))
+
+
+def drives(strength: float) -> Prepared:
+    difference = truth(STEPS, strength) + 0.5 * np.linalg.cholesky(NULL.noise) @ np.random.default_rng(
+        5
+    ).standard_normal(SIZE)
+    empty = np.zeros((SIZE, len(STEPS)))
+    return Prepared(tallies(difference, 8), NULL, difference, Slopes(empty, empty, np.zeros((0, SIZE))))
+
+
+def signature(is_fixed: bool = False, sign: float = 1.0) -> Signature:
+    shift = np.stack([truth(np.zeros(3), one) for one in STRENGTHS])
+    return Signature("memory", {}, STRENGTHS, shift, np.zeros_like(shift), sign=sign, is_fixed=is_fixed)
+
+
+def made(signature: Signature, steps: np.ndarray, strength: float) -> ExplainedRuns:
+    return ExplainedRuns(tallies(truth(steps, strength), seed=7))
+
+
+def test_strength_and_parameters_come_nearer_to_the_truth():
+    prepared = drives(TRUE_STRENGTH)
+    best = explain(prepared.difference, NULL, [signature()], 0.5)
+    found = refit(prepared, best, [signature()], made)
+    assert found is not None
+    assert abs(found.strength - TRUE_STRENGTH) < 0.5 * abs(best.strength - TRUE_STRENGTH)
+    assert found.interval_90[0] < TRUE_STRENGTH < found.interval_90[1]
+    np.testing.assert_allclose(found.steps, STEPS, atol=0.6)
+    assert best.shift is not None
+    wanted = truth(STEPS, TRUE_STRENGTH)
+    linear = best.shift + NULL.slope @ parameter_shift(prepared.difference - best.shift, NULL)
+    assert np.mean((found.expected(NULL, NULL) - wanted) ** 2) < 0.5 * np.mean((linear - wanted) ** 2)
+    assert found.num_sumo_runs in (NUM_RUNS, 2 * NUM_RUNS)
+
+
+def test_only_the_fitted_explanation_changes():
+    prepared = drives(TRUE_STRENGTH)
+    best = explain(prepared.difference, NULL, [signature(sign=-1.0)], 0.5)
+    other = Explained("none", 0.0)
+    found = refit(prepared, best, [signature(sign=-1.0)], made)
+    assert found is not None
+    one, same = with_refit([best, other], found)
+    assert same is other
+    assert one.strength == -found.strength
+    assert one.interval[0] <= one.strength <= one.interval[1]
+    assert one.log_evidence == best.log_evidence
+    assert with_refit([best], None) == [best]
+
+
+def test_a_signature_that_holds_at_its_own_strength_keeps_it():
+    prepared = drives(0.8)
+    fixed = signature(is_fixed=True)
+    best = explain(prepared.difference, NULL, [fixed], 0.5)
+    found = refit(prepared, best, [fixed], made)
+    assert found is not None
+    assert found.strength == pytest.approx(best.strength)
+    assert found.interval_90 == best.interval
+
+
+def test_runs_that_fail_leave_the_contest_s_word():
+    prepared = drives(TRUE_STRENGTH)
+    best = explain(prepared.difference, NULL, [signature()], 0.5)
+    assert refit(prepared, best, [signature()], lambda *_: None) is None
+
+
+def test_a_surrogate_s_runs_count_by_their_difference():
+    biased, shift = 2.0 * np.random.default_rng(9).standard_normal(SIZE), truth(STEPS, 0.3)
+    runs = ExplainedRuns(tallies(biased + shift, seed=4), tallies(biased, seed=4))
+    found, _ = runs.difference(NULL)
+    np.testing.assert_allclose(found, shift, atol=1e-9)
+
+
+def test_values_never_fall_to_nothing():
+    values, sizes = np.asarray([900.0, 0.4]), np.asarray([90.0, 0.1])
+    np.testing.assert_allclose(moved_values(values, sizes, np.asarray([1.5, -9.0])), [1035.0, 0.12])
+
+
+def test_a_window_survives_its_signature():
+    window = Window(900.0, 1300.0, 200.0, 320.0, 2, -1.0)
+    of_it = Signature("grade", window.setting(), STRENGTHS, np.zeros((3, 2)), np.zeros((3, 2)), sign=-1.0)
+    assert window_of(of_it) == window
+    assert window_of(signature()) is None
+    told = window.effect_setting(-0.02)
+    assert (told.strength, told.route_from_m, told.time_to_s, told.choice) == (-0.02, 900.0, 320.0, 2.0)
