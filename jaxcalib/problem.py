@@ -21,6 +21,7 @@ from jaxcalib.measures.registry import all_measures
 from jaxcalib.measures.scene import MeasureSettings
 from jaxcalib.measures.whole_drive import WholeDriveFold
 from jaxcalib.parameter_space import RANGES, behaviour_parameters
+from jaxcalib.seen_range import range_warnings, seen_perception
 from sim_adapters.errors import ScenarioError
 from sim_adapters.interface import ParameterLayout
 from sim_adapters.logged_drive import LoggedDrive, resample
@@ -49,6 +50,7 @@ class CalibrationProblem:
         measures: what is made of tallies, by name.
         drives: logs of the drives.
         field_tally: tallies of each drive, [drive, tally].
+        range_warnings: where less was seen than the case states, one line each.
     """
 
     case: Case
@@ -60,6 +62,7 @@ class CalibrationProblem:
     measures: Mapping[str, Measure]
     drives: tuple[DriveLog, ...]
     field_tally: np.ndarray
+    range_warnings: tuple[str, ...] = ()
 
     @property
     def layout(self) -> ParameterLayout:
@@ -101,14 +104,16 @@ class CalibrationProblem:
         values = [self.scenario.values_of(vtype) for vtype in self.layout.vtypes]
         if any(one[name] != values[0][name] for one in values for name in self.layout.attributes):
             own.append("case.toml: behaviour.vtypes differ in the scenario; all get the same calibrated values.")
+        own += self.range_warnings
         return (*own, *self.scenario.warnings, *(line for drive in self.drives for line in drive.warnings))
 
 
-def read_problem(folder: Path | str) -> CalibrationProblem:
+def read_problem(folder: Path | str, *, as_stated: bool = False) -> CalibrationProblem:
     """Read a case, its scenario and its logs, and measure the field.
 
     Args:
         folder: the case's folder.
+        as_stated: take the sensors' range as the case states it, even where the logs end well before.
 
     Raises:
         CaseError: something in them is wrong; one line says what.
@@ -120,14 +125,17 @@ def read_problem(folder: Path | str) -> CalibrationProblem:
             parts.scenario.config_file, case.folder, parts.subject.vehicle, parts.scenario.duration_s
         )
         layout = _layout(parts)
-        template = build_template(
-            scenario, layout, parts.subject.model, (case.perception.ahead_m, case.perception.behind_m)
-        )
         _check_models(scenario, parts)
         _check_clock(scenario, parts)
+        drives = read_drives(case, scenario.row_map)
+        stated = case.perception
+        if not as_stated:
+            case = dataclasses.replace(case, perception=seen_perception(drives, stated))
+        sensor = case.perception
+        drives = tuple(dataclasses.replace(drive, ahead_m=sensor.ahead_m, behind_m=sensor.behind_m) for drive in drives)
+        template = build_template(scenario, layout, parts.subject.model, (sensor.ahead_m, sensor.behind_m))
     except ScenarioError as error:
         raise CaseError(error.file, "", error.message) from None
-    drives = read_drives(case, scenario.row_map)
     if parts.subject.model.name == REPLAY:
         template = dataclasses.replace(template, logged_drives=_logged_drives(case, drives, parts))
     tally = drive_tally(_measure_settings(case, observe_road(scenario), drives))
@@ -144,6 +152,7 @@ def read_problem(folder: Path | str) -> CalibrationProblem:
         measures=all_measures(tally.settings),
         drives=drives,
         field_tally=np.stack([fold(drive.frames(FRAME_INTERVAL_S)) for drive in drives]),
+        range_warnings=range_warnings(stated, sensor),
     )
 
 

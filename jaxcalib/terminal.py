@@ -22,6 +22,7 @@ STAGE_NAMES = {
     "atlas": "what each effect would do",
     "evidence": "what the logs say",
     "check": "the best explanations in SUMO",
+    "refit": "the winner fitted once more",
     "report": "report",
 }
 PLAIN_INTERVAL_S = 30.0

@@ -8,7 +8,7 @@ SUMO has no such means for are not in `EXPRESSIBLE`; effects of a sensor act on 
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Mapping, Sequence
 from copy import deepcopy
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -95,7 +95,8 @@ def put_into(draft: Draft, effects: Mapping[str, EffectSetting]) -> None:
         if name not in EXPRESSIBLE:
             raise NotExpressibleError(f"SUMO has no means for '{name}'; it has for {', '.join(EXPRESSIBLE)}.")
         if setting.strength != 0.0:
-            EXPRESSIBLE[name](draft, setting)
+            # numbers of NumPy are written in a way that SUMO does not read
+            EXPRESSIBLE[name](draft, replace(setting, strength=float(setting.strength)))
 
 
 def is_expressible(scenario: Scenario, name: str) -> bool:

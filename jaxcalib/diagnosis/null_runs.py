@@ -19,6 +19,7 @@ from surrogate.perception import PerceptionFrame
 
 MOST_FAILED_SHARE = 0.5
 RHYTHM_S = (0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.2, 1.5)
+LANE_CHANGE_S = (1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0)
 
 
 @dataclass(frozen=True)
@@ -77,7 +78,7 @@ def alterations_of(strengths: Mapping[str, Sequence[float]], interval_s: float) 
     chosen = [(name, strength) for name in ALTERATIONS for strength in strengths[name]]
     if interval_s < COARSE_S:
         for name in RHYTHMS:
-            grid = strengths[name] if name == "lane_change_duration" else RHYTHM_S
+            grid = LANE_CHANGE_S if name == "lane_change_duration" else RHYTHM_S
             chosen += [(name, strength) for strength in grid]
     return chosen
 

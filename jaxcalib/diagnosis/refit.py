@@ -1,11 +1,13 @@
-"""The best explanation fitted once more, around runs that contain it: a Gauss-Newton iteration on strength and values.
+"""The best explanation fitted once more, around runs that contain it: a few Gauss-Newton steps on strength and values.
 
 The contest judges all effects by signatures that are linear in strength and parameters, measured at the calibrated
 values. A strong effect is neither: with it in, other parameter values fit, and there it does something else. So the
 winner is run with the strength and the values that the drives to fit ask for, and what those drives still differ by
-from these runs gives the last correction of both. How far the gap shrinks is then measured from real runs.
+from these runs corrects both. What runs at two points differ by corrects the slopes. A step that does not come nearer
+is taken back, and the next is half as long. How far the gap shrinks is then measured from real runs.
 
-Source: iterated generalised least squares with a normal prior, e.g. Tarantola (2005), Inverse Problem Theory, eq. 3.51.
+Sources: generalised least squares with a normal prior, e.g. Tarantola (2005), Inverse Problem Theory, eq. 3.51; the
+slopes' correction, Broyden (1965), Math. Comp. 19, eq. 4.5.
 """
 
 from collections.abc import Callable, Sequence
@@ -13,19 +15,26 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from jaxcalib.diagnosis.evidence import SIGNATURE_ERROR, Explained, Signature, alike_errors, signature_behind
+from jaxcalib.diagnosis.evidence import (
+    MOST_STRENGTH,
+    SIGNATURE_ERROR,
+    Explained,
+    Signature,
+    alike_errors,
+    signature_behind,
+)
 from jaxcalib.diagnosis.explained_runs import ExplainedRuns
 from jaxcalib.diagnosis.investigation import Prepared, transfer
-from jaxcalib.diagnosis.ledger import parameter_shift
 from jaxcalib.diagnosis.noise import NullModel
 from jaxcalib.diagnosis.sumo_check import CHECKED_EXACTNESS
 from surrogate.effects.registry import effect_named
 
-MOST_ITERATIONS = 2
-CONVERGED = 0.1  # change of the strength, as a share of it, and of parameters, in prior deviations
-PRIOR_SHARE = 0.5  # of the strength: how far it may still be off
-LEAST_SHARE, MOST_SHARE = 0.4, 1.8  # of the strength, in one iteration
-BEYOND_STRONG = 1.5  # strengths above this multiple of strong are outside what effects are made for
+MOST_ITERATIONS = 3
+CONVERGED = 0.15  # length of a step, in prior deviations
+LONGEST_STEP = 1.5  # likewise: slopes are not trusted farther
+SHORTEST_SECANT = 0.3  # likewise: noise would make the slopes of shorter ones
+PRIOR_SHARE = 0.7  # of the contest's strength: how far it may be off
+LEAST_SHARE = 0.3  # of the contest's strength
 TANGENT_SHARE = 0.25  # of the strength: over which the change with strength is measured
 QUANTILE_90 = 1.645
 
@@ -40,10 +49,8 @@ class Refit:
         strength: its size.
         interval_90: its 90 % interval.
         steps: shift of the parameters from the calibrated values, in steps.
-        run_strength: strength of the last runs.
-        run_steps: their shift of the parameters, in steps.
-        runs: the last runs.
-        tangent: change of the features with the strength, in units of noise of the drives to fit.
+        runs: the runs nearest to the drives to fit.
+        correction: what the last step, that was not run any more, adds to their features, in units of noise.
         num_sumo_runs: runs that SUMO made for it.
     """
 
@@ -52,10 +59,8 @@ class Refit:
     strength: float
     interval_90: tuple[float, float]
     steps: np.ndarray
-    run_strength: float
-    run_steps: np.ndarray
     runs: ExplainedRuns
-    tangent: np.ndarray
+    correction: np.ndarray
     num_sumo_runs: int
 
     def expected(self, null: NullModel, fitted: NullModel) -> np.ndarray:
@@ -65,13 +70,20 @@ class Refit:
             null: the null model for the drives in question.
             fitted: that for the drives to fit.
         """
-        explained, _ = self.runs.difference(null)
-        linear = null.slope @ (self.steps - self.run_steps)
-        change = (self.strength - self.run_strength) * transfer(self.tangent, fitted, null)
-        return explained + linear + change
+        return self.runs.difference(null)[0] + transfer(self.correction, fitted, null)
 
 
 Run = Callable[[Signature, np.ndarray, float], ExplainedRuns | None]
+
+
+@dataclass(frozen=True)
+class _Point:
+    """Where runs were made: in prior deviations, with the runs, their features, and how well those agree."""
+
+    at: np.ndarray
+    runs: ExplainedRuns
+    features: np.ndarray
+    loss: float
 
 
 def refit(fitted: Prepared, best: Explained, signatures: Sequence[Signature], run: Run) -> Refit | None:
@@ -84,43 +96,59 @@ def refit(fitted: Prepared, best: Explained, signatures: Sequence[Signature], ru
         run: makes runs from a signature, the shift of the parameters, in steps, and the size of the strength.
     """
     assert best.shift is not None
-    signature, strength, null = signature_behind(signatures, best), abs(best.strength), fitted.null
-    most = max(BEYOND_STRONG * effect_named(best.name).strong, strength)
-    steps = parameter_shift(fitted.difference - best.shift, null)
-    found, num_sumo_runs = None, 0
+    null, drives = fitted.null, fitted.difference
+    signature, strength = signature_behind(signatures, best), abs(best.strength)
+    unit = np.append(null.prior_steps, PRIOR_SHARE * strength)
+    slopes = np.column_stack([null.slope, tangent_of(signature, strength)]) * unit
+    most = max(MOST_STRENGTH * effect_named(best.name).strong, strength)
+    low = np.append(np.full(len(unit) - 1, -np.inf), (LEAST_SHARE - 1.0) * strength / unit[-1])
+    high = np.append(np.full(len(unit) - 1, np.inf), (most - strength) / unit[-1])
+
+    start = np.zeros(len(unit))
+    wrong = SIGNATURE_ERROR * signature.exactness * best.shift
+    rough = null.noise + np.outer(wrong, wrong) * alike_errors(null)
+    wrong = SIGNATURE_ERROR * CHECKED_EXACTNESS * best.shift
+    noise = null.noise + np.outer(wrong, wrong) * alike_errors(null)
+    at = _shortened(_step(drives - best.shift, rough, slopes, start), LONGEST_STEP)
+    at = np.clip(at, low, high)
+    nearest, num_sumo_runs = None, 0
     for _ in range(MOST_ITERATIONS):
-        runs = run(signature, steps, strength)
+        runs = run(signature, at[:-1] * unit[:-1], strength + at[-1] * unit[-1])
         if runs is None:
             break
         num_sumo_runs += len(runs.with_effect) if runs.without is None else 0
-        explained, error = runs.difference(null)
-        tangent = tangent_of(signature, strength)
-        wrong = SIGNATURE_ERROR * CHECKED_EXACTNESS * (explained - null.slope @ steps)
-        noise = null.noise + np.outer(wrong, wrong) * alike_errors(null) + np.diag(error**2)
-        left = fitted.difference - explained
-        change, more, deviation = _fit(left, null, noise, steps, tangent, PRIOR_SHARE * strength)
-        new = min(float(np.clip(strength + change, LEAST_SHARE * strength, MOST_SHARE * strength)), most)
-        interval = (max(new - QUANTILE_90 * deviation, 0.0), new + QUANTILE_90 * deviation)
-        if signature.is_fixed:
-            low, high = sorted(signature.sign * one for one in best.interval)
-            interval = (low, high)
-        found = Refit(
-            effect=best.name,
-            sign=signature.sign,
-            strength=new,
-            interval_90=interval,
-            steps=steps + more,
-            run_strength=strength,
-            run_steps=steps,
-            runs=runs,
-            tangent=tangent,
-            num_sumo_runs=num_sumo_runs,
-        )
-        moved = np.abs(more) / null.prior_steps
-        if abs(new - strength) < CONVERGED * strength and np.all(moved < CONVERGED):
+        features, error = runs.difference(null)
+        noise_now = noise + np.diag(error**2)
+        left = drives - features
+        point = _Point(at, runs, features, float(left @ np.linalg.solve(noise_now, left) + at @ at))
+        longest = LONGEST_STEP
+        if nearest is not None:
+            slopes = _corrected(slopes, point, nearest)
+            if point.loss >= nearest.loss:
+                longest = 0.5 * float(np.linalg.norm(point.at - nearest.at))
+        if nearest is None or point.loss < nearest.loss:
+            nearest = point
+        step = _step(drives - nearest.features, noise_now, slopes, nearest.at)
+        at = np.clip(nearest.at + _shortened(step, longest), low, high)
+        if np.linalg.norm(at - nearest.at) < CONVERGED:
             break
-        strength, steps = new, steps + more
-    return found
+    if nearest is None:
+        return None
+    found = strength + at[-1] * unit[-1]
+    deviation = unit[-1] * np.sqrt(np.linalg.inv(_precision(noise, slopes))[-1, -1])
+    interval = (max(found - QUANTILE_90 * deviation, 0.0), found + QUANTILE_90 * deviation)
+    if signature.is_fixed:
+        interval = tuple(sorted(signature.sign * one for one in best.interval))
+    return Refit(
+        effect=best.name,
+        sign=signature.sign,
+        strength=float(found),
+        interval_90=(float(interval[0]), float(interval[1])),
+        steps=at[:-1] * unit[:-1],
+        runs=nearest.runs,
+        correction=slopes @ (at - nearest.at),
+        num_sumo_runs=num_sumo_runs,
+    )
 
 
 def with_refit(explained: Sequence[Explained], refitted: Refit | None) -> list[Explained]:
@@ -144,23 +172,23 @@ def tangent_of(signature: Signature, strength: float) -> np.ndarray:
     return (signature.at(high)[0] - signature.at(low)[0]) / (high - low)
 
 
-def _fit(
-    difference: np.ndarray,
-    null: NullModel,
-    noise: np.ndarray,
-    steps: np.ndarray,
-    tangent: np.ndarray,
-    strength_prior: float,
-) -> tuple[float, np.ndarray, float]:
-    """Return the change of the strength, the further shift of the parameters, and the strength's deviation.
+def _precision(noise: np.ndarray, slopes: np.ndarray) -> np.ndarray:
+    return slopes.T @ np.linalg.solve(noise, slopes) + np.eye(slopes.shape[1])
 
-    The parameters' prior stays around the calibrated values, so that iterations do not walk away from them.
-    """
-    columns = np.column_stack([null.slope, tangent])
-    prior_mean = np.append(-steps, 0.0)
-    prior_precision = np.append(1.0 / null.prior_steps**2, 1.0 / max(strength_prior, 1e-12) ** 2)
-    weighed = np.linalg.solve(noise, columns)
-    precision = columns.T @ weighed + np.diag(prior_precision)
-    change = np.linalg.solve(precision, weighed.T @ difference + prior_precision * prior_mean)
-    deviation = float(np.sqrt(np.linalg.inv(precision)[-1, -1]))
-    return float(change[-1]), change[:-1], deviation
+
+def _step(left: np.ndarray, noise: np.ndarray, slopes: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """Return the most likely further step, in prior deviations; the prior stays around the contest's point, 0."""
+    return np.linalg.solve(_precision(noise, slopes), slopes.T @ np.linalg.solve(noise, left) - at)
+
+
+def _shortened(step: np.ndarray, longest: float) -> np.ndarray:
+    return step * min(1.0, longest / max(float(np.linalg.norm(step)), 1e-12))
+
+
+def _corrected(slopes: np.ndarray, point: _Point, other: _Point) -> np.ndarray:
+    """Return slopes that give what runs at two points differ by."""
+    way = point.at - other.at
+    length = float(way @ way)
+    if length < SHORTEST_SECANT**2:
+        return slopes
+    return slopes + np.outer(point.features - other.features - slopes @ way, way) / length

@@ -26,7 +26,7 @@ from jaxcalib.diagnosis.local_search import windows_of_effects
 from jaxcalib.diagnosis.null_runs import fine_interval_s
 from jaxcalib.diagnosis.place_search import refine_places
 from jaxcalib.diagnosis.plan import plan_diagnosis
-from jaxcalib.diagnosis.refit import refit, with_refit
+from jaxcalib.diagnosis.refit import MOST_ITERATIONS, refit, with_refit
 from jaxcalib.diagnosis.remarks import FEW_DRIVES
 from jaxcalib.diagnosis.stages import Stages
 from jaxcalib.diagnosis.sumo_check import Check, check_in_sumo
@@ -45,6 +45,7 @@ from jaxcalib.pipeline import MOST_SEED, SEEDS_PER_CALIBRATION, Stopwatch, searc
 from jaxcalib.problem import CalibrationProblem, read_problem
 from jaxcalib.progress import Progress, Silent
 from jaxcalib.run_folder import RunFolder, identify, open_run_folder
+from jaxcalib.seen_range import seen_perception
 from jaxcalib.settings import Settings
 from sim_adapters.sumo_effects import is_expressible
 from surrogate.effects.registry import EFFECTS
@@ -83,7 +84,7 @@ def diagnose(
     if not 0 <= seed <= MOST_SEED or not 0.05 <= budget <= 100.0:
         raise ValueError(f"Expected a seed of 0 to {MOST_SEED} and a budget of 0.05 to 100; got {seed} and {budget}.")
     prepare_devices(len(os.sched_getaffinity(0)))
-    problem = read_problem(case)
+    problem = read_problem(case, as_stated=True)
     identity = identify(problem.case, {"command": "diagnose", "seed": seed, "budget": budget})
     if out is None:
         with (
@@ -108,16 +109,20 @@ def _diagnose(
         calibration.confirmation_runs * calibration.confirmation_rounds
         + plan.null_runs
         + plan.default_runs
-        + 2 * plan.check_runs,
+        + (2 + MOST_ITERATIONS) * plan.check_runs,
     )
     journal = run_folder.journal
     stopwatch = Stopwatch(journal.clock)
     stages = Stages(run_folder.path / "stages")
 
-    with sumo_engine(problem) as pool:
-        engine = surrogate_engine(problem)
+    # What a short range hides must not bend the values: it is an effect of its own, to be found with the stated range.
+    seen = problem
+    if seen_perception(problem.drives, problem.case.perception) != problem.case.perception:
+        seen = read_problem(problem.case.folder)
+    with sumo_engine(seen) as pool:
+        engine = surrogate_engine(seen)
         searched = search_values(
-            problem, Settings(), calibration, seed, engine, JournaledSumo(pool, journal), journal, progress, stopwatch
+            seen, Settings(), calibration, seed, engine, JournaledSumo(pool, journal), journal, progress, stopwatch
         )
     values = searched.values
     background, subject = expected_drivers(problem, values)

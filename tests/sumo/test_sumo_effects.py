@@ -53,6 +53,12 @@ def test_strength_0_is_the_scenario_without_and_more_is_not(name: str, write: Wr
     assert text_of(write("strong", **{name: strongest})) != plain
 
 
+@pytest.mark.parametrize("name", EXPRESSIBLE)
+def test_numbers_of_numpy_are_numbers(name: str, write: Write):
+    strength = effect_named(name).medium
+    assert text_of(write("numpy", **{name: np.float64(strength)})) == text_of(write("plain", **{name: strength}))
+
+
 def test_what_sumo_has_no_means_for_is_refused(write: Write, corridor: Scenario):
     with pytest.raises(NotExpressibleError, match=r"grade.*reaction_delay"):
         write("grade", grade=0.02)
