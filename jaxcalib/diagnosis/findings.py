@@ -32,7 +32,7 @@ class Findings:
         default: tallies of SUMO runs of the scenario as it is.
         explained: explanations, best first.
         verdict: the answer.
-        refit: the best effect, fitted once more around runs that contain it; None where there is none.
+        refit: the effect that is named first, fitted once more around runs that contain it; None where there is none.
         signatures: of all effects that were tried.
         atlas: what is known of each effect beforehand.
         windows: where local effects were tried.

@@ -1,23 +1,26 @@
-"""The best explanation fitted once more, around runs that contain it: a few Gauss-Newton steps on strength and values.
+"""The best explanations fitted once more, around runs that contain them: a few Gauss-Newton steps each.
 
 The contest judges all effects by signatures that are linear in strength and parameters, measured at the calibrated
 values. A strong effect is neither: with it in, other parameter values fit, and there it does something else. So the
-winner is run with the strength and the values that the drives to fit ask for, and what those drives still differ by
-from these runs corrects both. What runs at two points differ by corrects the slopes. A step that does not come nearer
-is taken back, and the next is half as long. How far the gap shrinks is then measured from real runs.
+best few are run with the strength and the values that the drives to fit ask for, and what those drives still differ
+by from these runs corrects both. What runs at two points differ by corrects the slopes. A step that does not come
+nearer is taken back, and the next is half as long. How well each of them fits then is better evidence between them than
+signatures are, and how far the gap shrinks is measured from real runs.
 
 Sources: generalised least squares with a normal prior, e.g. Tarantola (2005), Inverse Problem Theory, eq. 3.51; the
 slopes' correction, Broyden (1965), Math. Comp. 19, eq. 4.5.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from jaxcalib.diagnosis.evidence import (
     MOST_STRENGTH,
+    NONE,
     SIGNATURE_ERROR,
+    UNKNOWN,
     Explained,
     Signature,
     alike_errors,
@@ -26,12 +29,12 @@ from jaxcalib.diagnosis.evidence import (
 from jaxcalib.diagnosis.explained_runs import ExplainedRuns
 from jaxcalib.diagnosis.investigation import Prepared, transfer
 from jaxcalib.diagnosis.noise import NullModel
-from jaxcalib.diagnosis.sumo_check import CHECKED_EXACTNESS
+from jaxcalib.diagnosis.sumo_check import CHECKED_EXACTNESS, NUM_CHECKED, WITHIN
 from surrogate.effects.registry import effect_named
 
 MOST_ITERATIONS = 3
-CONVERGED = 0.15  # length of a step, in prior deviations
-LONGEST_STEP = 1.5  # likewise: slopes are not trusted farther
+WORTH_A_STEP = 2.0  # gain in log-likelihood that a further step promises
+LONGEST_STEP = 1.5  # in prior deviations: slopes are not trusted farther
 SHORTEST_SECANT = 0.3  # likewise: noise would make the slopes of shorter ones
 PRIOR_SHARE = 0.7  # of the contest's strength: how far it may be off
 LEAST_SHARE = 0.3  # of the contest's strength
@@ -52,6 +55,8 @@ class Refit:
         runs: the runs nearest to the drives to fit.
         correction: what the last step, that was not run any more, adds to their features, in units of noise.
         num_sumo_runs: runs that SUMO made for it.
+        misfit: whitened squared difference between the drives to fit and the nearest runs, with the prior's part.
+        log_evidence: logarithm of the marginal likelihood around the nearest runs, by Laplace's approximation.
     """
 
     effect: str
@@ -62,6 +67,8 @@ class Refit:
     runs: ExplainedRuns
     correction: np.ndarray
     num_sumo_runs: int
+    misfit: float
+    log_evidence: float
 
     def expected(self, null: NullModel, fitted: NullModel) -> np.ndarray:
         """Return by how much features differ from the null's under the explanation, in units of noise.
@@ -128,14 +135,16 @@ def refit(fitted: Prepared, best: Explained, signatures: Sequence[Signature], ru
                 longest = 0.5 * float(np.linalg.norm(point.at - nearest.at))
         if nearest is None or point.loss < nearest.loss:
             nearest = point
-        step = _step(drives - nearest.features, noise_now, slopes, nearest.at)
-        at = np.clip(nearest.at + _shortened(step, longest), low, high)
-        if np.linalg.norm(at - nearest.at) < CONVERGED:
+        step = _shortened(_step(drives - nearest.features, noise_now, slopes, nearest.at), longest)
+        at = np.clip(nearest.at + step, low, high)
+        if 0.5 * step @ _precision(noise_now, slopes) @ step < WORTH_A_STEP:
             break
     if nearest is None:
         return None
     found = strength + at[-1] * unit[-1]
-    deviation = unit[-1] * np.sqrt(np.linalg.inv(_precision(noise, slopes))[-1, -1])
+    precision = _precision(noise, slopes)
+    deviation = unit[-1] * np.sqrt(np.linalg.inv(precision)[-1, -1])
+    log_determinants = np.linalg.slogdet(noise)[1] + np.linalg.slogdet(precision)[1]
     interval = (max(found - QUANTILE_90 * deviation, 0.0), found + QUANTILE_90 * deviation)
     if signature.is_fixed:
         interval = tuple(sorted(signature.sign * one for one in best.interval))
@@ -148,20 +157,47 @@ def refit(fitted: Prepared, best: Explained, signatures: Sequence[Signature], ru
         runs=nearest.runs,
         correction=slopes @ (at - nearest.at),
         num_sumo_runs=num_sumo_runs,
+        misfit=nearest.loss,
+        log_evidence=-0.5 * float(nearest.loss + log_determinants),
     )
 
 
-def with_refit(explained: Sequence[Explained], refitted: Refit | None) -> list[Explained]:
-    """Return explanations with the strength of the one that was fitted again."""
-    if refitted is None:
+def contenders(explained: Sequence[Explained], signatures: Mapping[str, Sequence[Signature]]) -> list[Explained]:
+    """Return the best effect and those close behind it, best first, as far as they have signatures."""
+    effects = [one for one in explained if one.name not in (NONE, UNKNOWN)]
+    near = [one for one in effects if one.log_evidence > effects[0].log_evidence - WITHIN]
+    return [one for one in near[:NUM_CHECKED] if one.name in signatures]
+
+
+def with_refits(explained: Sequence[Explained], refits: Mapping[str, Refit]) -> list[Explained]:
+    """Return explanations, best first, with the strengths of those that were fitted again, and told apart by it.
+
+    The best of them keeps its evidence, against none, unknown and the rest; the others lie behind it by what their
+    refits do.
+    """
+    again = [one for one in explained if one.name in refits]
+    if not again:
         return list(explained)
-    low, high = sorted(refitted.sign * size for size in refitted.interval_90)
-    return [
-        replace(one, strength=refitted.sign * refitted.strength, interval=(low, high))
-        if one.name == refitted.effect
-        else one
-        for one in explained
-    ]
+    best = max(one.log_evidence for one in again)
+    most = max(one.log_evidence for one in refits.values())
+    found = []
+    for one in explained:
+        if one.name not in refits:
+            found.append(one)
+            continue
+        mine = refits[one.name]
+        low, high = sorted(mine.sign * size for size in mine.interval_90)
+        log_evidence = best - (most - mine.log_evidence)
+        found.append(
+            replace(
+                one,
+                log_evidence=log_evidence,
+                strength=mine.sign * mine.strength,
+                interval=(low, high),
+                best_misfit=min(one.best_misfit, mine.misfit),
+            )
+        )
+    return sorted(found, key=lambda one: -one.log_evidence)
 
 
 def tangent_of(signature: Signature, strength: float) -> np.ndarray:

@@ -13,20 +13,19 @@ from jaxcalib.calibration.budget import plan_budget
 from jaxcalib.diagnosis.answer import Diagnosis
 from jaxcalib.diagnosis.atlas import EffectTrial, effect_trials, parameter_trials
 from jaxcalib.diagnosis.conclusion import conclude, refuse
-from jaxcalib.diagnosis.contest import Contest, best_gain
+from jaxcalib.diagnosis.contest import Contest, best_gain, nearly_explained
 from jaxcalib.diagnosis.conventions import conventions_of, expected_drivers
 from jaxcalib.diagnosis.drive_features import DriveFeatures
 from jaxcalib.diagnosis.drive_table import drive_table
 from jaxcalib.diagnosis.explained_runs import ExplainedRunner
 from jaxcalib.diagnosis.features import DriveTallies, gather_tallies
 from jaxcalib.diagnosis.findings import Findings
-from jaxcalib.diagnosis.further import best_effect
 from jaxcalib.diagnosis.investigation import NotTestableError, all_signatures, prepare, shift_in_errors
 from jaxcalib.diagnosis.local_search import windows_of_effects
 from jaxcalib.diagnosis.null_runs import fine_interval_s
 from jaxcalib.diagnosis.place_search import refine_places
 from jaxcalib.diagnosis.plan import plan_diagnosis
-from jaxcalib.diagnosis.refit import MOST_ITERATIONS, refit, with_refit
+from jaxcalib.diagnosis.refit import MOST_ITERATIONS, Refit, contenders, refit, with_refits
 from jaxcalib.diagnosis.remarks import FEW_DRIVES
 from jaxcalib.diagnosis.stages import Stages
 from jaxcalib.diagnosis.sumo_check import Check, check_in_sumo
@@ -208,12 +207,11 @@ def _diagnose(
         if not is_fit.all():
             with contextlib.suppress(NotTestableError):
                 held_out = prepare(problem, field.take(~is_fit), runs, found)
-        shift = shift_in_errors(problem, values, fitted)
-        verdict = judge(explained, gain, len(fitted.null.cells), shift, int(is_fit.sum()) < FEW_DRIVES)
-        best = best_effect(explained, verdict)
+        shift, few_drives = shift_in_errors(problem, values, fitted), int(is_fit.sum()) < FEW_DRIVES
+        verdict = judge(explained, gain, len(fitted.null.cells), shift, few_drives)
 
-    refitted = None
-    if best is not None and best.name in signatures:
+    refits: dict[str, Refit] = {}
+    if verdict.kind not in ("no_gap", "miscalibrated"):
         progress.stage("refit")
 
         def run_explained(trial: Trial) -> Mapping[str, DriveTallies]:
@@ -224,12 +222,16 @@ def _diagnose(
 
         with stopwatch.time("refit"):
             maker = ExplainedRunner(problem, values, in_sumo, run_explained, plan.effect_runs)
-            refitted = refit(fitted, best, signatures[best.name], maker.run)
-            explained = with_refit(explained, refitted)
+            for one in contenders(explained, signatures):
+                refitted = refit(fitted, one, signatures[one.name], maker.run)
+                if refitted is not None:
+                    refits[one.name] = refitted
+            explained = nearly_explained(with_refits(explained, refits))
+            verdict = judge(explained, gain, len(fitted.null.cells), shift, few_drives)
 
     num_surrogate = searched.surrogate.num_runs + sum(len(tallies) for tallies in found.values())
     num_sumo = len(searched.confirmation.outcomes) + len(runs.plain) + len(default)
-    num_sumo += sum(one.num_runs for one in checks) + (refitted.num_sumo_runs if refitted else 0)
+    num_sumo += sum(one.num_runs for one in checks) + sum(one.num_sumo_runs for one in refits.values())
     stopwatch.add("reading", 0.0)
     findings = Findings(
         problem=problem,
@@ -242,7 +244,7 @@ def _diagnose(
         default=default,
         explained=explained,
         verdict=verdict,
-        refit=refitted,
+        refit=refits.get(verdict.effects[0]) if verdict.effects else None,
         signatures=signatures,
         atlas=atlas_of(signatures, fitted.null, int(is_fit.sum())),
         windows=windows,

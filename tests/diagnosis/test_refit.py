@@ -1,5 +1,7 @@
 """An explanation fitted once more around runs that contain it, on made-up drives whose effect is not linear."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from synthetic import made_up_null
@@ -10,7 +12,7 @@ from jaxcalib.diagnosis.explained_runs import ExplainedRuns, moved_values
 from jaxcalib.diagnosis.features import DriveTallies
 from jaxcalib.diagnosis.investigation import Prepared
 from jaxcalib.diagnosis.ledger import parameter_shift
-from jaxcalib.diagnosis.refit import refit, with_refit
+from jaxcalib.diagnosis.refit import contenders, refit, with_refits
 from jaxcalib.diagnosis.windows import Window, window_of
 
 NULL = made_up_null(num_features=60)
@@ -69,15 +71,43 @@ def test_strength_and_parameters_come_nearer_to_the_truth():
 def test_only_the_fitted_explanation_changes():
     prepared = drives(TRUE_STRENGTH)
     best = explain(prepared.difference, NULL, [signature(sign=-1.0)], 0.5)
-    other = Explained("none", 0.0)
+    other = Explained("none", -1000.0)
     found = refit(prepared, best, [signature(sign=-1.0)], made)
     assert found is not None
-    one, same = with_refit([best, other], found)
+    one, same = with_refits([best, other], {"memory": found})
     assert same is other
     assert one.strength == -found.strength
     assert one.interval[0] <= one.strength <= one.interval[1]
     assert one.log_evidence == best.log_evidence
-    assert with_refit([best], None) == [best]
+    assert with_refits([best], {}) == [best]
+
+
+def test_refits_tell_apart_what_signatures_do_not():
+    """Two effects with one signature; only one of them bends as the drives do."""
+    prepared = drives(TRUE_STRENGTH)
+    right = explain(prepared.difference, NULL, [signature()], 0.5)
+    wrong = replace(right, name="platooned_arrivals", log_evidence=right.log_evidence + 3.0)
+    none = Explained("none", right.log_evidence - 50.0)
+    far = replace(right, name="keep_right", log_evidence=right.log_evidence - 40.0)
+    signatures = {name: [signature()] for name in ("memory", "platooned_arrivals", "keep_right")}
+    asked = contenders([wrong, right, far, none], signatures)
+    assert [one.name for one in asked] == ["platooned_arrivals", "memory"]
+
+    def other(signature: Signature, steps: np.ndarray, strength: float) -> ExplainedRuns:
+        return ExplainedRuns(tallies(truth(steps, strength) + 4.0 * strength**2 * BEND, seed=7))
+
+    refits = {}
+    for one, run in zip(asked, (other, made), strict=True):
+        found = refit(prepared, one, signatures[one.name], run)
+        assert found is not None
+        refits[one.name] = found
+    judged = with_refits([wrong, right, far, none], refits)
+    evidence = {one.name: one.log_evidence for one in judged}
+    assert judged[0].name == "memory"
+    assert evidence["memory"] == wrong.log_evidence
+    assert evidence["platooned_arrivals"] < evidence["memory"] - 10.0
+    assert far in judged
+    assert none in judged
 
 
 def test_a_signature_that_holds_at_its_own_strength_keeps_it():
