@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from jaxcalib.diagnosis.cross_validation import cross_validated_gains
-from jaxcalib.diagnosis.evidence import NEARLY_ALL, NONE, UNKNOWN, Explained, Signature
+from jaxcalib.diagnosis.evidence import NEARLY_ALL, NONE, UNKNOWN, Explained, Signature, most_misfit
 from jaxcalib.diagnosis.features import DriveTallies
 from jaxcalib.diagnosis.investigation import Prepared, explanations, moved, prepare
 from jaxcalib.diagnosis.null_runs import NullRuns
@@ -40,7 +40,7 @@ class Contest:
         """Return the explanations, best first: an effect's evidence counts as far as other drives confirm it."""
         gains = self._gains(signatures)
         found = explanations(self.problem, self.values, self.fitted, signatures, self.num_places)
-        return nearly_explained(confirmed(found, gains))
+        return without_needless_unknown(confirmed(found, gains), len(self.fitted.null.cells))
 
     def least_gain(self, signatures: Signatures) -> float:
         """Return the gain of the best explanation over the baseline when the drive that favours it most is left out.
@@ -55,7 +55,7 @@ class Contest:
             some = self._prepared(self.fitted.tallies.take(np.setdiff1d(everyone, [place])))
             there = {name: [moved(one, self.fitted, some) for one in several] for name, several in signatures.items()}
             explained = explanations(self.problem, self.values, some, there, self.num_places)
-            found.append(best_gain(nearly_explained(confirmed(explained, gains))))
+            found.append(best_gain(without_needless_unknown(confirmed(explained, gains), len(some.null.cells))))
         return min(found)
 
     def _gains(self, signatures: Signatures) -> dict[str, float]:
@@ -100,19 +100,24 @@ def confirmed(explained: Sequence[Explained], gains: Mapping[str, float]) -> lis
     return sorted(found, key=lambda one: -one.log_evidence)
 
 
-def nearly_explained(explained: Sequence[Explained]) -> list[Explained]:
-    """Return explanations without a case for unknown where one effect takes away nearly all of the misfit.
+def without_needless_unknown(explained: Sequence[Explained], num_features: int) -> list[Explained]:
+    """Return explanations without a case for unknown where a known effect will do.
 
-    Shifts of any pattern fit a strong effect better than its own signature, which is never exact to the last detail.
+    That is where one effect takes away nearly all of the misfit, since shifts of any pattern fit a strong effect better
+    than its own signature, which is never exact to the last detail; and where the best effect has more evidence than
+    unknown and leaves no more than chance does.
 
     Args:
         explained: explanations, best first, with what other drives confirm.
+        num_features: behind the misfits.
     """
     none = next(one for one in explained if one.name == NONE)
     best = next((one for one in explained if one.name not in (NONE, UNKNOWN)), None)
     if best is None or best.log_evidence <= none.log_evidence:
         return list(explained)
-    if not best.best_misfit <= NEARLY_ALL * none.best_misfit:
+    unknown = max((one.log_evidence for one in explained if one.name == UNKNOWN), default=-np.inf)
+    fits_better = best.log_evidence > unknown and best.best_misfit <= most_misfit(num_features)
+    if not (fits_better or best.best_misfit <= NEARLY_ALL * none.best_misfit):
         return list(explained)
     found = [replace(one, log_evidence=none.log_evidence) if one.name == UNKNOWN else one for one in explained]
     return sorted(found, key=lambda one: -one.log_evidence)

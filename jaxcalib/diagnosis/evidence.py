@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 from scipy.special import logsumexp
+from scipy.stats import chi2
 
 from jaxcalib.diagnosis.features import Cell
 from jaxcalib.diagnosis.noise import NullModel
@@ -28,6 +29,9 @@ TEMPERATURE = 4.0
 STRENGTHS = (0.15, 0.3, 0.5, 0.75, 1.0, 1.4, 1.8, 2.2)  # of medium, whose signatures are measured at medium and strong
 FIXED_STRENGTHS = np.asarray((0.6, 1.0))
 UNKNOWN_SIZES = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0)
+# An explanation fits if chance leaves as large a squared misfit in one of a hundred cases; the noise model is on the
+# safe side, so that sets of null runs and right explanations leave about half of what it expects.
+CHANCE_OF_MISFIT = 0.01
 NEARLY_ALL = 0.1  # what may be left of a misfit that counts as explained: strong effects leave details
 NONE, UNKNOWN = "none", "unknown"
 
@@ -162,6 +166,11 @@ def explain(
         best_misfit=squares[best],
         shift=posterior @ np.asarray(shifts),
     )
+
+
+def most_misfit(num_features: int) -> float:
+    """Return the largest squared misfit of an explanation that fits."""
+    return float(chi2.isf(CHANCE_OF_MISFIT, num_features))
 
 
 def alike_errors(null: NullModel) -> np.ndarray:

@@ -1,6 +1,6 @@
 """Runs that contain an effect, at parameter values of their own: made by SUMO where it can, by the surrogate else."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +18,7 @@ from sim_adapters.sumo_effects import is_expressible
 from surrogate.effects.base import EffectSetting
 
 LEAST_VALUE_SHARE = 0.3  # of a calibrated value
+TANGENT_SHARE = 0.15  # half of the part of the strength over which the change with strength is measured
 
 
 @dataclass(frozen=True)
@@ -56,14 +57,16 @@ class ExplainedRunner:
         problem: the problem.
         values: calibrated values.
         in_sumo: SUMO's runs.
-        in_surrogate: makes a trial in the surrogate; the baseline's tallies are among what it returns.
+        null: the null model for the drives to fit.
+        in_surrogate: makes trials in the surrogate; the baseline's tallies are among what it returns.
         num_runs: of each trial in the surrogate.
     """
 
     problem: CalibrationProblem
     values: np.ndarray
     in_sumo: SumoRuns
-    in_surrogate: Callable[[Trial], Mapping[str, DriveTallies]]
+    null: NullModel
+    in_surrogate: Callable[[Sequence[Trial]], Mapping[str, DriveTallies]]
     num_runs: int
 
     def run(self, signature: Signature, steps: np.ndarray, strength: float) -> ExplainedRuns | None:
@@ -74,16 +77,55 @@ class ExplainedRunner:
             steps: shift of the parameters from the calibrated values, in steps.
             strength: size of the effect's strength.
         """
-        values = moved_values(self.values, parameter_steps(self.problem.layout, self.values), steps)
+        values = moved_values(self.values, self._step_sizes, steps)
         name, signed = signature.effect, signature.sign * strength
         if name in ALTERATIONS or is_expressible(self.problem.scenario, name):
             tallies = self.in_sumo.explained(name, signed, values)
             return None if tallies is None else ExplainedRuns(tallies)
-        window = window_of(signature)
-        setting = EffectSetting(signed) if window is None else window.effect_setting(signed)
-        trial = Trial(f"{name} {setting!r} {values.tolist()!r}", tuple(values.tolist()), self.num_runs, {name: setting})
-        found = self.in_surrogate(trial)
+        trial = self._trial(signature, values, strength)
+        found = self.in_surrogate([trial])
         return ExplainedRuns(found[trial.name], found[BASELINE])
+
+    def slopes(self, signature: Signature, steps: np.ndarray, strength: float, known: np.ndarray) -> np.ndarray:
+        """Return how features change with each parameter's step and with the strength, once the effect is in.
+
+        A sensor's effect leaves traffic as it is, so that what is known of the parameters holds.
+
+        Args:
+            signature: of the effect.
+            steps: shift of the parameters from the calibrated values, in steps.
+            strength: size of the effect's strength.
+            known: the same slopes as known so far, [feature, parameter and strength], in units of noise; for what the
+                surrogate does not show.
+        """
+        if signature.effect in ALTERATIONS:
+            return known
+        values = moved_values(self.values, self._step_sizes, steps)
+        pairs = []
+        for place in range(len(values)):
+            moved = [values + sign * self._step_sizes * (np.arange(len(values)) == place) for sign in (1.0, -1.0)]
+            pairs.append([self._trial(signature, np.maximum(one, 1e-3), strength) for one in moved])
+        if not signature.is_fixed:
+            sizes = (strength, (1.0 - 2.0 * TANGENT_SHARE) * strength)  # no stronger: shares end at 1
+            pairs.append([self._trial(signature, values, size) for size in sizes])
+        found = self.in_surrogate([trial for pair in pairs for trial in pair])
+        slopes = known.copy()
+        for place, (up, down) in enumerate(pairs):
+            difference, error, _ = paired_difference(found[up.name], found[down.name], self.null.cells)
+            width = 2.0 if place < len(values) else 2.0 * TANGENT_SHARE * strength
+            is_shown = np.isfinite(error)
+            slopes[is_shown, place] = (difference / self.null.deviation)[is_shown] / width
+        return slopes
+
+    @property
+    def _step_sizes(self) -> np.ndarray:
+        return parameter_steps(self.problem.layout, self.values)
+
+    def _trial(self, signature: Signature, values: np.ndarray, strength: float) -> Trial:
+        window, signed = window_of(signature), signature.sign * strength
+        setting = EffectSetting(signed) if window is None else window.effect_setting(signed)
+        told = tuple(float(one) for one in values)
+        return Trial(f"{signature.effect} {setting!r} {told!r}", told, self.num_runs, {signature.effect: setting})
 
 
 def moved_values(values: np.ndarray, step_sizes: np.ndarray, steps: np.ndarray) -> np.ndarray:

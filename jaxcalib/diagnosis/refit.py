@@ -3,16 +3,18 @@
 The contest judges all effects by signatures that are linear in strength and parameters, measured at the calibrated
 values. A strong effect is neither: with it in, other parameter values fit, and there it does something else. So the
 best few are run with the strength and the values that the drives to fit ask for, and what those drives still differ
-by from these runs corrects both. What runs at two points differ by corrects the slopes. A step that does not come
-nearer is taken back, and the next is half as long. How well each of them fits then is better evidence between them than
-signatures are, and how far the gap shrinks is measured from real runs.
+by from these runs corrects both, with slopes measured anew where the effect is in; what runs at two points differ by
+corrects the slopes further. A step that does not come nearer is taken back, and the next is half as long. How well
+each of them fits then is better evidence between them than signatures are, and how far the gap shrinks is measured
+from real runs.
 
 Sources: generalised least squares with a normal prior, e.g. Tarantola (2005), Inverse Problem Theory, eq. 3.51; the
 slopes' correction, Broyden (1965), Math. Comp. 19, eq. 4.5.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 
@@ -34,7 +36,7 @@ from surrogate.effects.registry import effect_named
 
 MOST_ITERATIONS = 3
 WORTH_A_STEP = 2.0  # gain in log-likelihood that a further step promises
-LONGEST_STEP = 1.5  # in prior deviations: slopes are not trusted farther
+LONGEST_STEP = 3.0  # in prior deviations: slopes are not trusted farther
 SHORTEST_SECANT = 0.3  # likewise: noise would make the slopes of shorter ones
 PRIOR_SHARE = 0.7  # of the contest's strength: how far it may be off
 LEAST_SHARE = 0.3  # of the contest's strength
@@ -80,7 +82,16 @@ class Refit:
         return self.runs.difference(null)[0] + transfer(self.correction, fitted, null)
 
 
-Run = Callable[[Signature, np.ndarray, float], ExplainedRuns | None]
+class MakesRuns(Protocol):
+    """Makes runs that contain an effect; see `ExplainedRunner`."""
+
+    def run(self, signature: Signature, steps: np.ndarray, strength: float) -> ExplainedRuns | None:
+        """Return runs; None where they fail."""
+        ...
+
+    def slopes(self, signature: Signature, steps: np.ndarray, strength: float, known: np.ndarray) -> np.ndarray:
+        """Return how features change with parameters and strength there."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -93,14 +104,14 @@ class _Point:
     loss: float
 
 
-def refit(fitted: Prepared, best: Explained, signatures: Sequence[Signature], run: Run) -> Refit | None:
+def refit(fitted: Prepared, best: Explained, signatures: Sequence[Signature], maker: MakesRuns) -> Refit | None:
     """Return the refit of an explanation; None where its runs fail.
 
     Args:
         fitted: null model and drives to fit.
         best: the explanation, as the contest found it.
         signatures: of its effect; they say how features change with the strength.
-        run: makes runs from a signature, the shift of the parameters, in steps, and the size of the strength.
+        maker: makes runs from a signature, the shift of the parameters, in steps, and the size of the strength.
     """
     assert best.shift is not None
     null, drives = fitted.null, fitted.difference
@@ -119,8 +130,8 @@ def refit(fitted: Prepared, best: Explained, signatures: Sequence[Signature], ru
     at = _shortened(_step(drives - best.shift, rough, slopes, start), LONGEST_STEP)
     at = np.clip(at, low, high)
     nearest, num_sumo_runs = None, 0
-    for _ in range(MOST_ITERATIONS):
-        runs = run(signature, at[:-1] * unit[:-1], strength + at[-1] * unit[-1])
+    for iteration in range(MOST_ITERATIONS):
+        runs = maker.run(signature, at[:-1] * unit[:-1], strength + at[-1] * unit[-1])
         if runs is None:
             break
         num_sumo_runs += len(runs.with_effect) if runs.without is None else 0
@@ -135,9 +146,15 @@ def refit(fitted: Prepared, best: Explained, signatures: Sequence[Signature], ru
                 longest = 0.5 * float(np.linalg.norm(point.at - nearest.at))
         if nearest is None or point.loss < nearest.loss:
             nearest = point
-        step = _shortened(_step(drives - nearest.features, noise_now, slopes, nearest.at), longest)
+        left = drives - nearest.features
+        step = _shortened(_step(left, noise_now, slopes, nearest.at), longest)
+        is_worth_it = 0.5 * step @ _precision(noise_now, slopes) @ step > WORTH_A_STEP
+        if is_worth_it and nearest is point and iteration < MOST_ITERATIONS - 1:
+            there = nearest.at * unit + np.append(np.zeros(len(unit) - 1), strength)
+            slopes = maker.slopes(signature, there[:-1], there[-1], slopes / unit) * unit
+            step = _shortened(_step(left, noise_now, slopes, nearest.at), longest)
         at = np.clip(nearest.at + step, low, high)
-        if 0.5 * step @ _precision(noise_now, slopes) @ step < WORTH_A_STEP:
+        if not is_worth_it:
             break
     if nearest is None:
         return None
@@ -164,7 +181,8 @@ def refit(fitted: Prepared, best: Explained, signatures: Sequence[Signature], ru
 
 def contenders(explained: Sequence[Explained], signatures: Mapping[str, Sequence[Signature]]) -> list[Explained]:
     """Return the best effect and those close behind it, best first, as far as they have signatures."""
-    effects = [one for one in explained if one.name not in (NONE, UNKNOWN)]
+    none = next(one.log_evidence for one in explained if one.name == NONE)
+    effects = [one for one in explained if one.name not in (NONE, UNKNOWN) and one.log_evidence > none]
     near = [one for one in effects if one.log_evidence > effects[0].log_evidence - WITHIN]
     return [one for one in near[:NUM_CHECKED] if one.name in signatures]
 

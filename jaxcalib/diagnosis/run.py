@@ -13,7 +13,7 @@ from jaxcalib.calibration.budget import plan_budget
 from jaxcalib.diagnosis.answer import Diagnosis
 from jaxcalib.diagnosis.atlas import EffectTrial, effect_trials, parameter_trials
 from jaxcalib.diagnosis.conclusion import conclude, refuse
-from jaxcalib.diagnosis.contest import Contest, best_gain, nearly_explained
+from jaxcalib.diagnosis.contest import Contest, best_gain, without_needless_unknown
 from jaxcalib.diagnosis.conventions import conventions_of, expected_drivers
 from jaxcalib.diagnosis.drive_features import DriveFeatures
 from jaxcalib.diagnosis.drive_table import drive_table
@@ -214,19 +214,19 @@ def _diagnose(
     if verdict.kind not in ("no_gap", "miscalibrated"):
         progress.stage("refit")
 
-        def run_explained(trial: Trial) -> Mapping[str, DriveTallies]:
-            """Return tallies of a trial, with the baseline's."""
-            part = f"explained {key} {trial.name}"
-            found.update(stages.tallies(part, lambda: runner.run([trial], progress.surrogate_runs)))
+        def run_explained(several: Sequence[Trial]) -> Mapping[str, DriveTallies]:
+            """Return tallies of trials, with the baseline's."""
+            part = f"explained {key} {[one.name for one in several]!r}"
+            found.update(stages.tallies(part, lambda: runner.run(several, progress.surrogate_runs)))
             return found
 
         with stopwatch.time("refit"):
-            maker = ExplainedRunner(problem, values, in_sumo, run_explained, plan.effect_runs)
+            maker = ExplainedRunner(problem, values, in_sumo, fitted.null, run_explained, plan.effect_runs)
             for one in contenders(explained, signatures):
-                refitted = refit(fitted, one, signatures[one.name], maker.run)
+                refitted = refit(fitted, one, signatures[one.name], maker)
                 if refitted is not None:
                     refits[one.name] = refitted
-            explained = nearly_explained(with_refits(explained, refits))
+            explained = without_needless_unknown(with_refits(explained, refits), len(fitted.null.cells))
             verdict = judge(explained, gain, len(fitted.null.cells), shift, few_drives)
 
     num_surrogate = searched.surrogate.num_runs + sum(len(tallies) for tallies in found.values())

@@ -137,8 +137,9 @@ def corrected(
 
 
 def _contenders(explained: Sequence[Explained]) -> list[Explained]:
-    """Return the best two effects and any that is close behind, best first."""
-    effects = [one for one in explained if one.name not in (NONE, UNKNOWN)]
+    """Return the best two effects and any that is close behind, best first, of those that do better than nothing."""
+    none = next((one.log_evidence for one in explained if one.name == NONE), -np.inf)
+    effects = [one for one in explained if one.name not in (NONE, UNKNOWN) and one.log_evidence > none]
     best = effects[0].log_evidence if effects else 0.0
     return [one for place, one in enumerate(effects) if place < 2 or one.log_evidence > best - WITHIN]
 

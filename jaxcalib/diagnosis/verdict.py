@@ -4,9 +4,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
 
-from jaxcalib.diagnosis.evidence import NEARLY_ALL, NONE, TEMPERATURE, UNKNOWN, Explained
+from jaxcalib.diagnosis.evidence import NEARLY_ALL, NONE, TEMPERATURE, UNKNOWN, Explained, most_misfit
 
 PRIOR_NONE, PRIOR_UNKNOWN = 0.5, 0.1
 # Natural logarithm of the evidence ratio that an effect needs against the baseline: "very strong" for Kass & Raftery.
@@ -17,9 +16,6 @@ ALONE = 0.8  # no more than one in five effects named alone may be a wrong one
 IN_SET = 0.9
 LARGEST_SET = 3
 MISCALIBRATED_ERRORS = 3.0
-# An explanation fits if chance leaves as large a squared misfit in one of a hundred cases; the noise model is on the
-# safe side, so that sets of null runs and right explanations leave about half of what it expects.
-CHANCE_OF_MISFIT = 0.01
 WORTH_NAMING = 0.05  # of the most likely effect's probability
 UNFIT_SHARE = 0.9  # of an effect's probability that goes to unknown where none leaves as little as noise does
 
@@ -97,9 +93,8 @@ def judge(
     effects = [one for one in ranked if one.name != UNKNOWN]
     if probability[UNKNOWN] > sum(probability[one.name] for one in effects):
         return Verdict("unknown", (), probability, "Something is missing that is none of the known effects.")
-    most_misfit = float(chi2.isf(CHANCE_OF_MISFIT, num_features))
     misfit = min(_misfit(one, by_name[NONE]) for one in effects if _is_named(one, probability))
-    if misfit > max(most_misfit, NEARLY_ALL * by_name[NONE].best_misfit):
+    if misfit > max(most_misfit(num_features), NEARLY_ALL * by_name[NONE].best_misfit):
         reason = "Something is missing, and no known effect explains it down to noise."
         return Verdict("unknown", (), _with_unknown_first(probability), reason)
     chosen: list[str] = []

@@ -7,7 +7,7 @@ import pytest
 from synthetic import made_up_null
 
 from jaxcalib.diagnosis.atlas import Slopes
-from jaxcalib.diagnosis.contest import best_gain, confirmed, nearly_explained
+from jaxcalib.diagnosis.contest import best_gain, confirmed, without_needless_unknown
 from jaxcalib.diagnosis.cross_validation import cross_validated_gains
 from jaxcalib.diagnosis.evidence import NONE, UNKNOWN, Explained, Signature
 from jaxcalib.diagnosis.features import DriveTallies
@@ -87,9 +87,23 @@ def test_unknown_has_no_case_where_an_effect_explains_nearly_all():
             Explained("memory", 800.0, 0.5, best_misfit=misfit),
             Explained(NONE, 100.0, best_misfit=2000.0),
         ]
-        return {one.name: one.log_evidence for one in nearly_explained(found)}
+        return {one.name: one.log_evidence for one in without_needless_unknown(found, 40)}
 
     assert judged(150.0) == {"memory": 800.0, UNKNOWN: 100.0, NONE: 100.0}
     assert judged(450.0)[UNKNOWN] == 900.0
     nothing = [Explained(NONE, 100.0, best_misfit=80.0), Explained("memory", 99.0, 0.1, best_misfit=5.0)]
-    assert nearly_explained(nothing) == nothing
+    assert without_needless_unknown(nothing, 40) == nothing
+
+
+def test_unknown_has_no_case_where_an_effect_with_more_evidence_fits_as_well_as_chance_does():
+    def judged(evidence: float, misfit: float) -> dict[str, float]:
+        found = [
+            Explained("memory", evidence, 0.5, best_misfit=misfit),
+            Explained(UNKNOWN, 110.0, best_misfit=20.0),
+            Explained(NONE, 100.0, best_misfit=90.0),
+        ]
+        return {one.name: one.log_evidence for one in without_needless_unknown(found, 40)}
+
+    assert judged(115.0, 55.0)[UNKNOWN] == 100.0
+    assert judged(115.0, 80.0)[UNKNOWN] == 110.0  # chance leaves more than 63.7 in one of a hundred
+    assert judged(108.0, 55.0)[UNKNOWN] == 110.0

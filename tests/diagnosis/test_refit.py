@@ -49,14 +49,32 @@ def signature(is_fixed: bool = False, sign: float = 1.0) -> Signature:
     return Signature("memory", {}, STRENGTHS, shift, np.zeros_like(shift), sign=sign, is_fixed=is_fixed)
 
 
-def made(signature: Signature, steps: np.ndarray, strength: float) -> ExplainedRuns:
-    return ExplainedRuns(tallies(truth(steps, strength), seed=7))
+class Made:
+    """Makes runs with the truth, bent otherwise by so much; its slopes are those of central differences."""
+
+    def __init__(self, bend: float = 0.0, fails: bool = False) -> None:
+        self.bend, self.fails, self.asked = bend, fails, 0
+
+    def features(self, steps: np.ndarray, strength: float) -> np.ndarray:
+        return truth(steps, strength) + self.bend * strength**2 * BEND
+
+    def run(self, signature: Signature, steps: np.ndarray, strength: float) -> ExplainedRuns | None:
+        self.asked += 1
+        return None if self.fails else ExplainedRuns(tallies(self.features(steps, strength), seed=7))
+
+    def slopes(self, signature: Signature, steps: np.ndarray, strength: float, known: np.ndarray) -> np.ndarray:
+        assert known.shape == (SIZE, len(steps) + 1)
+        sides = []
+        for step in 0.01 * np.eye(len(steps) + 1):
+            up, down = (self.features(steps + s * step[:-1], strength + s * step[-1]) for s in (1.0, -1.0))
+            sides.append((up - down) / 0.02)
+        return np.stack(sides, axis=1)
 
 
 def test_strength_and_parameters_come_nearer_to_the_truth():
     prepared = drives(TRUE_STRENGTH)
     best = explain(prepared.difference, NULL, [signature()], 0.5)
-    found = refit(prepared, best, [signature()], made)
+    found = refit(prepared, best, [signature()], Made())
     assert found is not None
     assert abs(found.strength - TRUE_STRENGTH) < 0.5 * abs(best.strength - TRUE_STRENGTH)
     assert found.interval_90[0] < TRUE_STRENGTH < found.interval_90[1]
@@ -72,7 +90,7 @@ def test_only_the_fitted_explanation_changes():
     prepared = drives(TRUE_STRENGTH)
     best = explain(prepared.difference, NULL, [signature(sign=-1.0)], 0.5)
     other = Explained("none", -1000.0)
-    found = refit(prepared, best, [signature(sign=-1.0)], made)
+    found = refit(prepared, best, [signature(sign=-1.0)], Made())
     assert found is not None
     one, same = with_refits([best, other], {"memory": found})
     assert same is other
@@ -93,12 +111,9 @@ def test_refits_tell_apart_what_signatures_do_not():
     asked = contenders([wrong, right, far, none], signatures)
     assert [one.name for one in asked] == ["platooned_arrivals", "memory"]
 
-    def other(signature: Signature, steps: np.ndarray, strength: float) -> ExplainedRuns:
-        return ExplainedRuns(tallies(truth(steps, strength) + 4.0 * strength**2 * BEND, seed=7))
-
     refits = {}
-    for one, run in zip(asked, (other, made), strict=True):
-        found = refit(prepared, one, signatures[one.name], run)
+    for one, maker in zip(asked, (Made(bend=4.0), Made()), strict=True):
+        found = refit(prepared, one, signatures[one.name], maker)
         assert found is not None
         refits[one.name] = found
     judged = with_refits([wrong, right, far, none], refits)
@@ -114,7 +129,7 @@ def test_a_signature_that_holds_at_its_own_strength_keeps_it():
     prepared = drives(0.8)
     fixed = signature(is_fixed=True)
     best = explain(prepared.difference, NULL, [fixed], 0.5)
-    found = refit(prepared, best, [fixed], made)
+    found = refit(prepared, best, [fixed], Made())
     assert found is not None
     assert found.strength == pytest.approx(best.strength)
     assert found.interval_90 == best.interval
@@ -123,7 +138,7 @@ def test_a_signature_that_holds_at_its_own_strength_keeps_it():
 def test_runs_that_fail_leave_the_contest_s_word():
     prepared = drives(TRUE_STRENGTH)
     best = explain(prepared.difference, NULL, [signature()], 0.5)
-    assert refit(prepared, best, [signature()], lambda *_: None) is None
+    assert refit(prepared, best, [signature()], Made(fails=True)) is None
 
 
 def test_a_surrogate_s_runs_count_by_their_difference():
