@@ -5,7 +5,7 @@ values. A strong effect is neither: with it in, other parameter values fit, and 
 best few are run with the strength and the values that the drives to fit ask for, and what those drives still differ
 by from these runs corrects both, with slopes measured anew where the effect is in; what runs at two points differ by
 corrects the slopes further. A step that does not come nearer is taken back, and the next is half as long. How well
-each of them fits then is better evidence between them than signatures are, and how far the gap shrinks is measured
+each of them fits then is evidence between them beside that of the signatures, and how far the gap shrinks is measured
 from real runs.
 
 Sources: generalised least squares with a normal prior, e.g. Tarantola (2005), Inverse Problem Theory, eq. 3.51; the
@@ -123,18 +123,17 @@ def refit(fitted: Prepared, best: Explained, signatures: Sequence[Signature], ma
     high = np.append(np.full(len(unit) - 1, np.inf), (most - strength) / unit[-1])
 
     start = np.zeros(len(unit))
-    wrong = SIGNATURE_ERROR * signature.exactness * best.shift
-    rough = null.noise + np.outer(wrong, wrong) * alike_errors(null)
-    wrong = SIGNATURE_ERROR * CHECKED_EXACTNESS * best.shift
-    noise = null.noise + np.outer(wrong, wrong) * alike_errors(null)
-    at = _shortened(_step(drives - best.shift, rough, slopes, start), LONGEST_STEP)
+    noise = _noise(null, best.shift, signature.exactness)
+    at = _shortened(_step(drives - best.shift, noise, slopes, start), LONGEST_STEP)
     at = np.clip(at, low, high)
     nearest, num_sumo_runs = None, 0
     for iteration in range(MOST_ITERATIONS):
         runs = maker.run(signature, at[:-1] * unit[:-1], strength + at[-1] * unit[-1])
         if runs is None:
             break
-        num_sumo_runs += len(runs.with_effect) if runs.without is None else 0
+        if runs.without is None:
+            num_sumo_runs += len(runs.with_effect)
+            noise = _noise(null, best.shift, CHECKED_EXACTNESS)
         features, error = runs.difference(null)
         noise_now = noise + np.diag(error**2)
         left = drives - features
@@ -162,7 +161,7 @@ def refit(fitted: Prepared, best: Explained, signatures: Sequence[Signature], ma
     precision = _precision(noise, slopes)
     deviation = unit[-1] * np.sqrt(np.linalg.inv(precision)[-1, -1])
     log_determinants = np.linalg.slogdet(noise)[1] + np.linalg.slogdet(precision)[1]
-    interval = (max(found - QUANTILE_90 * deviation, 0.0), found + QUANTILE_90 * deviation)
+    interval = (max(found - QUANTILE_90 * deviation, 0.0), max(min(found + QUANTILE_90 * deviation, most), found))
     if signature.is_fixed:
         interval = tuple(sorted(signature.sign * one for one in best.interval))
     return Refit(
@@ -190,14 +189,15 @@ def contenders(explained: Sequence[Explained], signatures: Mapping[str, Sequence
 def with_refits(explained: Sequence[Explained], refits: Mapping[str, Refit]) -> list[Explained]:
     """Return explanations, best first, with the strengths of those that were fitted again, and told apart by it.
 
-    The best of them keeps its evidence, against none, unknown and the rest; the others lie behind it by what their
-    refits do.
+    The signatures' evidence and the refits' are two readings of one quantity, each with errors of its own, and their
+    mean says how far apart two effects lie. The best of them keeps the most evidence of all, against none, unknown and
+    the rest.
     """
     again = [one for one in explained if one.name in refits]
     if not again:
         return list(explained)
-    best = max(one.log_evidence for one in again)
-    most = max(one.log_evidence for one in refits.values())
+    most = max(one.log_evidence for one in again)
+    mean = {one.name: 0.5 * (one.log_evidence + refits[one.name].log_evidence) for one in again}
     found = []
     for one in explained:
         if one.name not in refits:
@@ -205,11 +205,10 @@ def with_refits(explained: Sequence[Explained], refits: Mapping[str, Refit]) -> 
             continue
         mine = refits[one.name]
         low, high = sorted(mine.sign * size for size in mine.interval_90)
-        log_evidence = best - (most - mine.log_evidence)
         found.append(
             replace(
                 one,
-                log_evidence=log_evidence,
+                log_evidence=most - (max(mean.values()) - mean[one.name]),
                 strength=mine.sign * mine.strength,
                 interval=(low, high),
                 best_misfit=min(one.best_misfit, mine.misfit),
@@ -224,6 +223,12 @@ def tangent_of(signature: Signature, strength: float) -> np.ndarray:
         return np.zeros(signature.shift.shape[1])
     high, low = (1.0 + TANGENT_SHARE) * strength, (1.0 - TANGENT_SHARE) * strength
     return (signature.at(high)[0] - signature.at(low)[0]) / (high - low)
+
+
+def _noise(null: NullModel, shift: np.ndarray, exactness: float) -> np.ndarray:
+    """Return the covariance of chance and of what the model of an effect may be wrong by: the road has another form."""
+    wrong = SIGNATURE_ERROR * exactness * shift
+    return null.noise + np.outer(wrong, wrong) * alike_errors(null)
 
 
 def _precision(noise: np.ndarray, slopes: np.ndarray) -> np.ndarray:

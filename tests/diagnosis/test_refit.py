@@ -120,7 +120,9 @@ def test_refits_tell_apart_what_signatures_do_not():
     evidence = {one.name: one.log_evidence for one in judged}
     assert judged[0].name == "memory"
     assert evidence["memory"] == wrong.log_evidence
-    assert evidence["platooned_arrivals"] < evidence["memory"] - 10.0
+    behind = refits["memory"].log_evidence - refits["platooned_arrivals"].log_evidence
+    assert behind > 20.0
+    assert evidence["memory"] - evidence["platooned_arrivals"] == pytest.approx(0.5 * (behind - 3.0))
     assert far in judged
     assert none in judged
 
