@@ -15,6 +15,7 @@ class DiagnosisBudget:
         effect_runs: surrogate runs of each trial of an effect.
         local_runs: the same for an effect at one place.
         check_runs: SUMO runs with each of the best effects.
+        refit_runs: SUMO runs of each iteration of a refit.
     """
 
     null_runs: int
@@ -24,6 +25,7 @@ class DiagnosisBudget:
     effect_runs: int
     local_runs: int
     check_runs: int
+    refit_runs: int
 
 
 def plan_diagnosis(scale: float) -> DiagnosisBudget:
@@ -40,4 +42,5 @@ def plan_diagnosis(scale: float) -> DiagnosisBudget:
         effect_runs=scaled(32, 12),
         local_runs=scaled(24, 12),
         check_runs=scaled(32, 12),
+        refit_runs=scaled(24, 12),
     )

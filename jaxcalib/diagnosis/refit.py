@@ -35,7 +35,7 @@ from jaxcalib.diagnosis.sumo_check import CHECKED_EXACTNESS, NUM_CHECKED, WITHIN
 from surrogate.effects.registry import effect_named
 
 MOST_ITERATIONS = 3
-WORTH_A_STEP = 2.0  # gain in log-likelihood that a further step promises
+WORTH_A_STEP = 4.0  # gain in log-likelihood that a further step promises; the runs' noise alone promises 1 to 2
 LONGEST_STEP = 3.0  # in prior deviations: slopes are not trusted farther
 SHORTEST_SECANT = 0.3  # likewise: noise would make the slopes of shorter ones
 PRIOR_SHARE = 0.7  # of the contest's strength: how far it may be off

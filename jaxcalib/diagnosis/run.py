@@ -108,7 +108,8 @@ def _diagnose(
         calibration.confirmation_runs * calibration.confirmation_rounds
         + plan.null_runs
         + plan.default_runs
-        + (2 + MOST_ITERATIONS) * plan.check_runs,
+        + 2 * plan.check_runs
+        + MOST_ITERATIONS * plan.refit_runs,
     )
     journal = run_folder.journal
     stopwatch = Stopwatch(journal.clock)

@@ -79,7 +79,7 @@ class SumoRuns:
 
         A sensor's effect is put into the drives that SUMO makes, any other by SUMO's own means.
         """
-        num_runs, seed = self.plan.check_runs, self.first_seed + EXPLAINED_SEED
+        num_runs, seed = self.plan.refit_runs, self.first_seed + EXPLAINED_SEED
         is_altered = name in ALTERATIONS
 
         def make() -> dict[str, DriveTallies]:
