@@ -10,7 +10,7 @@ from jaxcalib.diagnosis.evidence import Signature
 from jaxcalib.diagnosis.features import Cell, DriveTallies
 from jaxcalib.diagnosis.noise import NullModel
 from jaxcalib.diagnosis.null_runs import NullRuns
-from jaxcalib.diagnosis.trials import Trial, paired_difference
+from jaxcalib.diagnosis.trials import Trial, has_pairs, paired_difference
 from jaxcalib.diagnosis.windows import Window
 from sim_adapters.interface import ParameterLayout
 from surrogate.effects.base import ActsOn, Effect, EffectSetting
@@ -118,9 +118,11 @@ def effect_strengths(effect: Effect, window: Window | None) -> tuple[float, ...]
 def surrogate_signatures(
     trials: Sequence[EffectTrial], found: Mapping[str, DriveTallies], null: NullModel
 ) -> dict[str, list[Signature]]:
-    """Return the signatures that trials show, by effect, in units of noise."""
+    """Return the signatures that trials show, by effect, in units of noise; a trial whose runs failed shows none."""
     groups: dict[tuple[str, Window | None], list[EffectTrial]] = {}
     for one in trials:
+        if not has_pairs(found[one.trial.name], found[BASELINE]):
+            continue
         groups.setdefault((one.effect.name, one.window), []).append(one)
     signatures: dict[str, list[Signature]] = {}
     for (name, window), members in groups.items():

@@ -11,7 +11,7 @@ from jaxcalib.diagnosis.evidence import Signature
 from jaxcalib.diagnosis.features import DriveTallies
 from jaxcalib.diagnosis.noise import NullModel, on_cells
 from jaxcalib.diagnosis.sumo_runs import SumoRuns
-from jaxcalib.diagnosis.trials import Trial, paired_difference
+from jaxcalib.diagnosis.trials import Trial, has_pairs, paired_difference
 from jaxcalib.diagnosis.windows import window_of
 from jaxcalib.problem import CalibrationProblem
 from sim_adapters.sumo_effects import is_expressible
@@ -70,7 +70,7 @@ class ExplainedRunner:
     num_runs: int
 
     def run(self, signature: Signature, steps: np.ndarray, strength: float) -> ExplainedRuns | None:
-        """Return runs with an effect; None where SUMO's fail.
+        """Return runs with an effect; None where they fail.
 
         Args:
             signature: of the effect; it tells name, sign, place and time.
@@ -84,7 +84,8 @@ class ExplainedRunner:
             return None if tallies is None else ExplainedRuns(tallies)
         trial = self._trial(signature, values, strength)
         found = self.in_surrogate([trial])
-        return ExplainedRuns(found[trial.name], found[BASELINE])
+        made = ExplainedRuns(found[trial.name], found[BASELINE])
+        return made if has_pairs(found[trial.name], found[BASELINE]) else None
 
     def slopes(self, signature: Signature, steps: np.ndarray, strength: float, known: np.ndarray) -> np.ndarray:
         """Return how features change with each parameter's step and with the strength, once the effect is in.

@@ -139,4 +139,5 @@ def gather_tallies(books: Iterable[TallyBook], depart_s: Sequence[float]) -> Dri
     books = list(books)
     cells = tuple(dict.fromkeys(cell for book in books for cell in book.sums))
     table = np.asarray([[book.sums.get(cell, (0.0, 0.0)) for cell in cells] for book in books])
+    table = table.reshape(len(books), len(cells), 2)  # nothing at all, where all runs failed
     return DriveTallies(cells, table[..., 0], table[..., 1], np.asarray(depart_s, float))

@@ -58,7 +58,9 @@ def refine_places(
             assert window is not None
             around = neighbours(window, step_m, step_s, lanes if round_number == 0 else ())
             trials = _nearest_strength(effect_trials(values, num_runs, {one.name: around}), one.name, one.strength)
-            several = surrogate_signatures(trials, run(trials), null)[one.name]
+            several = surrogate_signatures(trials, run(trials), null).get(one.name, [])
+            if not several:
+                continue
             judged = [_evidence(difference, null, each, effect) for each in several]
             place = int(np.argmax(judged))
             if judged[place] < evidence + LEAST_IMPROVEMENT:

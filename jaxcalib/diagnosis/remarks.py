@@ -25,7 +25,7 @@ def not_testable(findings: Findings) -> dict[str, str]:
         elif effect.has_place or effect.has_time:
             reasons[effect.name] = "at no place and time do the drives depart from the simulation in its direction"
         else:
-            reasons[effect.name] = "the logs are sampled too slowly to show it"
+            reasons[effect.name] = "its runs failed: drivers with it collide on this road, or fill it"
     return reasons
 
 

@@ -13,6 +13,7 @@ from sim_adapters.jax_simulator import JaxSimulator
 from surrogate.effects.base import EffectSetting
 
 RUNS_PER_CALL = 128  # what is recorded of them fits into memory
+FEWEST_PAIRS = 4
 
 
 @dataclass(frozen=True)
@@ -78,6 +79,17 @@ class TrialRunner:
         return found
 
 
+def pairs_of(one: DriveTallies, other: DriveTallies) -> np.ndarray:
+    """Return the numbers of the runs that succeeded in both of two trials."""
+    num_runs = min(len(one), len(other))
+    return np.flatnonzero((one.below[:num_runs].sum(axis=1) > 0) & (other.below[:num_runs].sum(axis=1) > 0))
+
+
+def has_pairs(one: DriveTallies, other: DriveTallies) -> bool:
+    """Return whether enough runs succeeded in both of two trials to compare them."""
+    return len(pairs_of(one, other)) >= FEWEST_PAIRS
+
+
 def paired_difference(
     one: DriveTallies, other: DriveTallies, cells: Sequence
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -90,13 +102,10 @@ def paired_difference(
         other: tallies of the trial that is taken off.
         cells: the features wanted; those that one of the trials lacks get 0 and an infinite error.
     """
-    num_runs = min(len(one), len(other))
-    alive = (one.below[:num_runs].sum(axis=1) > 0) & (other.below[:num_runs].sum(axis=1) > 0)
-    runs = np.flatnonzero(alive)
-    size = len(cells)
+    runs, size = pairs_of(one, other), len(cells)
     difference, error = np.zeros(size), np.full(size, np.inf)
     influence = np.zeros((len(runs), size))
-    if len(runs) < 4:
+    if not has_pairs(one, other):
         return difference, error, influence
     at_one = {cell: place for place, cell in enumerate(one.cells)}
     at_other = {cell: place for place, cell in enumerate(other.cells)}
