@@ -94,7 +94,7 @@ class Diagnosis:
         next_steps: what to try next, in sentences.
         undetectable_below: for each effect the strength below which it would go unseen; None where no strength shows.
         visible_with_three_more_drives: the same with three drives more.
-        parameters: calibrated values, and those of the scenario.
+        parameters: values of the scenario, calibrated ones, and, where an effect was fitted again, those beside it.
         not_testable: effects that could not be judged, with the reason.
         warnings: what a user should know.
         runs: numbers of runs.

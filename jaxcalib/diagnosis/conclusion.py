@@ -6,7 +6,9 @@ from typing import Any
 import numpy as np
 
 from jaxcalib.diagnosis.answer import LISTED_ENTRIES, Diagnosis, Ranked, Second, WhereEntry
+from jaxcalib.diagnosis.atlas import parameter_steps
 from jaxcalib.diagnosis.evidence import NONE, UNKNOWN
+from jaxcalib.diagnosis.explained_runs import moved_values
 from jaxcalib.diagnosis.features import Cell
 from jaxcalib.diagnosis.findings import Findings
 from jaxcalib.diagnosis.further import best_effect, most_flexible_shift, next_steps, second_effect
@@ -27,7 +29,7 @@ HOW_FAR = ("gap_default", "gap_recalibrated", "gap_with_effect", "noise_floor", 
 def conclude(findings: Findings) -> Diagnosis:
     """Return the diagnosis."""
     problem, fitted = findings.problem, findings.fitted
-    verdict, layout = findings.verdict, problem.layout
+    verdict = findings.verdict
     best = best_effect(findings.explained, verdict)
     second = None
     if best is not None:
@@ -55,10 +57,7 @@ def conclude(findings: Findings) -> Diagnosis:
         ),
         undetectable_below=visible,
         visible_with_three_more_drives=visible_with_more,
-        parameters={
-            "scenario": dict(zip(layout.names, problem.template.base_values().tolist(), strict=True)),
-            "calibrated": dict(zip(layout.names, findings.values.tolist(), strict=True)),
-        },
+        parameters=_parameters(findings),
         not_testable=not_testable(findings),
         warnings=[*warnings_of(findings), *unexplained(verdict, how_far)],
         runs=findings.runs,
@@ -104,6 +103,15 @@ def refuse(
         runs=runs,
         wall_s=wall_s,
     )
+
+
+def _parameters(findings: Findings) -> dict[str, dict[str, float]]:
+    """Return the values of the scenario, of the calibration, and of the fit with the effect that is named first."""
+    layout, values = findings.problem.layout, findings.values
+    several = {"scenario": findings.problem.template.base_values(), "calibrated": values}
+    if findings.refit is not None:
+        several["with_effect"] = moved_values(values, parameter_steps(layout, values), findings.refit.steps)
+    return {name: dict(zip(layout.names, one.tolist(), strict=True)) for name, one in several.items()}
 
 
 def _ranking(findings: Findings, verdict: Verdict) -> list[Ranked]:
