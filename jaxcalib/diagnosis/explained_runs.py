@@ -18,7 +18,7 @@ from sim_adapters.sumo_effects import is_expressible
 from surrogate.effects.base import EffectSetting
 
 LEAST_VALUE_SHARE = 0.3  # of a calibrated value
-TANGENT_SHARE = 0.15  # half of the part of the strength over which the change with strength is measured
+STRENGTH_DROP = 0.3  # of the strength: over which the change with strength is measured; no stronger, shares end at 1
 
 
 @dataclass(frozen=True)
@@ -107,13 +107,13 @@ class ExplainedRunner:
             moved = [values + sign * self._step_sizes * (np.arange(len(values)) == place) for sign in (1.0, -1.0)]
             pairs.append([self._trial(signature, np.maximum(one, 1e-3), strength) for one in moved])
         if not signature.is_fixed:
-            sizes = (strength, (1.0 - 2.0 * TANGENT_SHARE) * strength)  # no stronger: shares end at 1
+            sizes = (strength, (1.0 - STRENGTH_DROP) * strength)
             pairs.append([self._trial(signature, values, size) for size in sizes])
         found = self.in_surrogate([trial for pair in pairs for trial in pair])
         slopes = known.copy()
         for place, (up, down) in enumerate(pairs):
             difference, error, _ = paired_difference(found[up.name], found[down.name], self.null.cells)
-            width = 2.0 if place < len(values) else 2.0 * TANGENT_SHARE * strength
+            width = 2.0 if place < len(values) else STRENGTH_DROP * strength
             is_shown = np.isfinite(error)
             slopes[is_shown, place] = (difference / self.null.deviation)[is_shown] / width
         return slopes
