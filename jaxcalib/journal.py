@@ -10,6 +10,7 @@ import os
 import time
 import zipfile
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -52,7 +53,8 @@ class Journal:
         """Return the outcome of a run, if it is known."""
         key = key_of(engine, request)
         self._replayed_s += self._share_s.pop(key, 0.0)
-        return self._outcomes.get(key)
+        outcome = self._outcomes.get(key)
+        return None if outcome is None else replace(outcome, request=request)  # parts do not hold effects
 
     def clock(self) -> float:
         """Return a time in seconds that goes on by what replayed runs once took, so that resumed runs time alike."""
@@ -170,6 +172,7 @@ class JournaledSumo:
 def key_of(engine: str, request: RunRequest) -> str:
     """Return a name for a run in an engine; the same for the same run, whenever it is made."""
     text = f"{engine} {request.seed} {request.depart_s!r} " + " ".join(repr(float(value)) for value in request.values)
+    text += "".join(f" {name} {setting!r}" for name, setting in sorted(request.effects.items()))
     return hashlib.sha256(text.encode()).hexdigest()
 
 

@@ -30,6 +30,7 @@ def make(
     drives: Annotated[int, Parameter(validator=Number(gte=2))] = 12,
     checks: Count = 6,
     twins: Count = 0,
+    first: Annotated[int | None, Parameter(validator=Number(gte=1))] = None,
     jobs: Annotated[int, Parameter(validator=Number(gte=1))] = CORES,
 ) -> int:
     """Make sealed cases; the same command goes on where it was stopped.
@@ -50,6 +51,8 @@ def make(
         Drives repeated without the effect to show that it changes something.
     twins
         Additional held-out drives in a twin of each case, which tell the true fraction closed.
+    first
+        Only so many cases of the plan, whose order is random: a sample, which a later command may enlarge.
     jobs
         SUMO processes.
     """
@@ -57,7 +60,7 @@ def make(
     unknown = [name for name in roads if name not in ROADS]
     if unknown:
         raise SystemExit(f"--road: expected {' or '.join(ROADS)}, got {unknown[0]}.")
-    number = make_cases(out, key, size, roads, drives, checks, twins, jobs)
+    number = make_cases(out, key, size, roads, drives, checks, twins, jobs, first)
     Console().print(f"{number} cases in {out}; publish the root in {out / 'seals.json'}, withhold {key}.")
     return 0
 

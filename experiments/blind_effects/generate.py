@@ -36,9 +36,20 @@ def make_drive(spec: FieldSpec, road_name: str, seed: int, depart_s: float) -> L
 
 
 def make_cases(
-    out: Path, key_file: Path, size: Size, roads: tuple[str, ...], drives: int, checks: int, twins: int, jobs: int
+    out: Path,
+    key_file: Path,
+    size: Size,
+    roads: tuple[str, ...],
+    drives: int,
+    checks: int,
+    twins: int,
+    jobs: int,
+    first: int | None = None,
 ) -> int:
     """Make the cases of a plan that are not there yet and return how many there are.
+
+    With `first`, only so many of the plan: its order is random, so they are a sample of it, and a later call with more
+    goes on.
 
     Raises:
         ValueError: the key lies where whoever diagnoses could read it, or belongs to another plan.
@@ -50,7 +61,7 @@ def make_cases(
     if key["settings"] != settings:
         raise ValueError(f"{key_file}: expected the key of this plan, it is of {key['settings']}.")
     _write(key_file, key)
-    plans = plan_cases(size, roads, key["seed"])
+    plans = plan_cases(size, roads, key["seed"])[:first]
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(jobs, mp_context=context) as pool, Progress() as progress:
         task = progress.add_task("cases", total=len(plans))

@@ -205,6 +205,8 @@ def _how_far(findings: Findings, verdict: Verdict) -> dict[str, Any]:
             "ceiling": recalibrated(flexible),
         },
         np.random.default_rng(findings.seed),
+        None if findings.refit is None else findings.refit.runs,
+        fitted.tallies,
     )
     values = (
         found.default,

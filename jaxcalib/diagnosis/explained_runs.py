@@ -37,16 +37,23 @@ class ExplainedRuns:
     def difference(self, null: NullModel) -> tuple[np.ndarray, np.ndarray]:
         """Return by how much features differ from the null's, in units of noise, and the standard error.
 
-        Features that these runs do not show count as unchanged.
+        Features that these runs do not show count as unchanged, with an infinite error.
         """
         if self.without is not None:
             shift, error, _ = paired_difference(self.with_effect, self.without, null.cells)
-            return shift / null.deviation, np.where(np.isfinite(error), error, 0.0) / null.deviation
+            return shift / null.deviation, error / null.deviation
         seen = on_cells(self.with_effect, null.cells)
         shift = null.standardised(seen.values())
-        error = np.nan_to_num(seen.influence()).std(axis=0, ddof=1) / np.sqrt(len(seen)) / null.deviation
+        error = self.deviation(null, len(seen))
         is_known = np.isfinite(shift) & (seen.below.sum(axis=0) > 0)
-        return np.where(is_known, shift, 0.0), np.where(is_known, error, 0.0)
+        return np.where(is_known, shift, 0.0), np.where(is_known, error, np.inf)
+
+    def deviation(self, null: NullModel, num_drives: int) -> np.ndarray:
+        """Return the deviation of the features of so many drives with the effect, in units of the null's noise."""
+        seen = on_cells(self.with_effect, null.cells)
+        runs = seen.below.sum(axis=1) > 0
+        spread = np.nan_to_num(seen.influence()[runs]).std(axis=0, ddof=1)
+        return spread / np.sqrt(num_drives) / null.deviation
 
 
 @dataclass(frozen=True)
@@ -56,36 +63,61 @@ class ExplainedRunner:
     Attributes:
         problem: the problem.
         values: calibrated values.
-        in_sumo: SUMO's runs.
+        sumo: makes SUMO's runs.
         null: the null model for the drives to fit.
-        in_surrogate: makes trials in the surrogate; the baseline's tallies are among what it returns.
+        recalibrate: returns parameter values that a calibration finds with effects in; None where it fails.
+        run_trials: makes trials in the surrogate; the baseline's tallies are among what it returns.
         num_runs: of each trial in the surrogate.
     """
 
     problem: CalibrationProblem
     values: np.ndarray
-    in_sumo: SumoRuns
+    sumo: SumoRuns
     null: NullModel
-    in_surrogate: Callable[[Sequence[Trial]], Mapping[str, DriveTallies]]
+    recalibrate: Callable[[Mapping[str, EffectSetting]], np.ndarray | None]
+    run_trials: Callable[[Sequence[Trial]], Mapping[str, DriveTallies]]
     num_runs: int
 
-    def run(self, signature: Signature, steps: np.ndarray, strength: float) -> ExplainedRuns | None:
-        """Return runs with an effect; None where they fail.
+    def in_surrogate(self, signature: Signature, steps: np.ndarray, strength: float) -> ExplainedRuns | None:
+        """Return the surrogate's runs with an effect; None where they fail, or do not show it.
 
         Args:
             signature: of the effect; it tells name, sign, place and time.
             steps: shift of the parameters from the calibrated values, in steps.
             strength: size of the effect's strength.
         """
-        values = moved_values(self.values, self._step_sizes, steps)
-        name, signed = signature.effect, signature.sign * strength
-        if name in ALTERATIONS or is_expressible(self.problem.scenario, name):
-            tallies = self.in_sumo.explained(name, signed, values)
-            return None if tallies is None else ExplainedRuns(tallies)
-        trial = self._trial(signature, values, strength)
-        found = self.in_surrogate([trial])
+        if signature.effect in ALTERATIONS:
+            return None
+        trial = self._trial(signature, moved_values(self.values, self._step_sizes, steps), strength)
+        found = self.run_trials([trial])
         made = ExplainedRuns(found[trial.name], found[BASELINE])
         return made if has_pairs(found[trial.name], found[BASELINE]) else None
+
+    def in_sumo(self, signature: Signature, steps: np.ndarray, strength: float) -> ExplainedRuns | None:
+        """Return SUMO's runs with an effect; None where they fail, or where it has no means for the effect.
+
+        Args:
+            signature: of the effect.
+            steps: shift of the parameters from the calibrated values, in steps.
+            strength: size of the effect's strength.
+        """
+        if signature.effect not in ALTERATIONS and not is_expressible(self.problem.scenario, signature.effect):
+            return None
+        values = moved_values(self.values, self._step_sizes, steps)
+        tallies = self.sumo.explained(signature.effect, signature.sign * strength, values)
+        return None if tallies is None else ExplainedRuns(tallies)
+
+    def recalibrated(self, signature: Signature, strength: float) -> np.ndarray | None:
+        """Return the shift of the parameters, in steps, that a calibration finds with an effect in; None if it fails.
+
+        Args:
+            signature: of the effect.
+            strength: size of the effect's strength.
+        """
+        if signature.effect in ALTERATIONS:
+            return None
+        values = self.recalibrate({signature.effect: _setting(signature, strength)})
+        return None if values is None else (values - self.values) / self._step_sizes
 
     def slopes(self, signature: Signature, steps: np.ndarray, strength: float, known: np.ndarray) -> np.ndarray:
         """Return how features change with each parameter's step and with the strength, once the effect is in.
@@ -102,18 +134,17 @@ class ExplainedRunner:
         if signature.effect in ALTERATIONS:
             return known
         values = moved_values(self.values, self._step_sizes, steps)
-        pairs = []
-        for place in range(len(values)):
-            moved = [values + sign * self._step_sizes * (np.arange(len(values)) == place) for sign in (1.0, -1.0)]
-            pairs.append([self._trial(signature, np.maximum(one, 1e-3), strength) for one in moved])
+        here = self._trial(signature, values, strength)
+        moved = [values + self._step_sizes * (np.arange(len(values)) == place) for place in range(len(values))]
+        away = [self._trial(signature, one, strength) for one in moved]
+        widths = [1.0] * len(away)
         if not signature.is_fixed:
-            sizes = (strength, (1.0 - STRENGTH_DROP) * strength)
-            pairs.append([self._trial(signature, values, size) for size in sizes])
-        found = self.in_surrogate([trial for pair in pairs for trial in pair])
+            away.append(self._trial(signature, values, (1.0 - STRENGTH_DROP) * strength))
+            widths.append(-STRENGTH_DROP * strength)
+        found = self.run_trials([here, *away])
         slopes = known.copy()
-        for place, (up, down) in enumerate(pairs):
-            difference, error, _ = paired_difference(found[up.name], found[down.name], self.null.cells)
-            width = 2.0 if place < len(values) else STRENGTH_DROP * strength
+        for place, (trial, width) in enumerate(zip(away, widths, strict=True)):
+            difference, error, _ = paired_difference(found[trial.name], found[here.name], self.null.cells)
             is_shown = np.isfinite(error)
             slopes[is_shown, place] = (difference / self.null.deviation)[is_shown] / width
         return slopes
@@ -123,10 +154,14 @@ class ExplainedRunner:
         return parameter_steps(self.problem.layout, self.values)
 
     def _trial(self, signature: Signature, values: np.ndarray, strength: float) -> Trial:
-        window, signed = window_of(signature), signature.sign * strength
-        setting = EffectSetting(signed) if window is None else window.effect_setting(signed)
+        setting = _setting(signature, strength)
         told = tuple(float(one) for one in values)
         return Trial(f"{signature.effect} {setting!r} {told!r}", told, self.num_runs, {signature.effect: setting})
+
+
+def _setting(signature: Signature, strength: float) -> EffectSetting:
+    window, signed = window_of(signature), signature.sign * strength
+    return EffectSetting(signed) if window is None else window.effect_setting(signed)
 
 
 def moved_values(values: np.ndarray, step_sizes: np.ndarray, steps: np.ndarray) -> np.ndarray:

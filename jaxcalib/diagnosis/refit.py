@@ -1,23 +1,22 @@
-"""The best explanations fitted once more, around runs that contain them: a few Gauss-Newton steps each.
+"""The best explanations fitted once more, around runs that contain them.
 
 The contest judges all effects by signatures that are linear in strength and parameters, measured at the calibrated
-values. A strong effect is neither: with it in, other parameter values fit, and there it does something else. So the
-best few are run with the strength and the values that the drives to fit ask for, and what those drives still differ
-by from these runs corrects both, with slopes measured anew where the effect is in; what runs at two points differ by
-corrects the slopes further. A step that does not come nearer is taken back, and the next is half as long. How well
-each of them fits then is evidence between them beside that of the signatures, and how far the gap shrinks is measured
-from real runs.
-
-Sources: generalised least squares with a normal prior, e.g. Tarantola (2005), Inverse Problem Theory, eq. 3.51; the
-slopes' correction, Broyden (1965), Math. Comp. 19, eq. 4.5.
+values. A strong effect is neither: with it in, other parameter values fit, often far from those that calibration bent
+to hide it, and there it does something else. So the best few are run with the strength and the values that the drives
+to fit ask for, and what those drives still differ by from these runs corrects both (`descent.py`): first in the
+surrogate, whose runs are cheap, by what effect and values change there; then in SUMO where it can express the effect.
+Where steps do not lead to an agreement, they begin again at what the calibration's search finds with the effect in.
+How well each of them fits then is evidence between them beside that of the signatures, and how far the gap shrinks
+is measured from real runs.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
 
+from jaxcalib.diagnosis.descent import Descent, Point, Target, descend, linear_step, precision
 from jaxcalib.diagnosis.evidence import (
     MOST_STRENGTH,
     NONE,
@@ -26,6 +25,7 @@ from jaxcalib.diagnosis.evidence import (
     Explained,
     Signature,
     alike_errors,
+    most_misfit,
     signature_behind,
 )
 from jaxcalib.diagnosis.explained_runs import ExplainedRuns
@@ -34,10 +34,8 @@ from jaxcalib.diagnosis.noise import NullModel
 from jaxcalib.diagnosis.sumo_check import CHECKED_EXACTNESS, NUM_CHECKED, WITHIN
 from surrogate.effects.registry import effect_named
 
-MOST_ITERATIONS = 3
-WORTH_A_STEP = 4.0  # gain in log-likelihood that a further step promises; the runs' noise alone promises 1 to 2
-LONGEST_STEP = 3.0  # in prior deviations: slopes are not trusted farther
-SHORTEST_SECANT = 0.3  # likewise: noise would make the slopes of shorter ones
+MOST_SURROGATE_POINTS = 8
+MOST_SUMO_POINTS, OTHERS_SUMO_POINTS = 4, 2  # of the best explanation, and of those close behind it
 PRIOR_SHARE = 0.7  # of the contest's strength: how far it may be off
 LEAST_SHARE = 0.3  # of the contest's strength
 TANGENT_SHARE = 0.25  # of the strength: over which the change with strength is measured
@@ -55,7 +53,8 @@ class Refit:
         interval_90: its 90 % interval.
         steps: shift of the parameters from the calibrated values, in steps.
         runs: the runs nearest to the drives to fit.
-        correction: what the last step, that was not run any more, adds to their features, in units of noise.
+        correction: what adds to their features, in units of noise: the last step, that was not run any more, and what
+            runs of this kind do not show.
         num_sumo_runs: runs that SUMO made for it.
         misfit: whitened squared difference between the drives to fit and the nearest runs, with the prior's part.
         log_evidence: logarithm of the marginal likelihood around the nearest runs, by Laplace's approximation.
@@ -82,11 +81,22 @@ class Refit:
         return self.runs.difference(null)[0] + transfer(self.correction, fitted, null)
 
 
+_Makes = Callable[[Signature, np.ndarray, float], ExplainedRuns | None]
+
+
 class MakesRuns(Protocol):
     """Makes runs that contain an effect; see `ExplainedRunner`."""
 
-    def run(self, signature: Signature, steps: np.ndarray, strength: float) -> ExplainedRuns | None:
-        """Return runs; None where they fail."""
+    def in_surrogate(self, signature: Signature, steps: np.ndarray, strength: float) -> ExplainedRuns | None:
+        """Return the surrogate's runs; None where they fail or do not show the effect."""
+        ...
+
+    def in_sumo(self, signature: Signature, steps: np.ndarray, strength: float) -> ExplainedRuns | None:
+        """Return SUMO's runs; None where they fail or it has no means for the effect."""
+        ...
+
+    def recalibrated(self, signature: Signature, strength: float) -> np.ndarray | None:
+        """Return the shift of the parameters, in steps, that a calibration with the effect finds; None if it fails."""
         ...
 
     def slopes(self, signature: Signature, steps: np.ndarray, strength: float, known: np.ndarray) -> np.ndarray:
@@ -95,16 +105,77 @@ class MakesRuns(Protocol):
 
 
 @dataclass(frozen=True)
-class _Point:
-    """Where runs were made: in prior deviations, with the runs, their features, and how well those agree."""
+class _Course:
+    """An explanation on its way, in coordinates that count prior deviations of the parameters and of the strength.
 
-    at: np.ndarray
-    runs: ExplainedRuns
-    features: np.ndarray
-    loss: float
+    Attributes:
+        fitted: null model and drives to fit.
+        signature: of the effect.
+        shift: what the contest expected of it, in units of noise.
+        strength: its strength in the contest.
+        unit: prior deviation of each parameter, in steps, and of the strength.
+    """
+
+    fitted: Prepared
+    signature: Signature
+    shift: np.ndarray
+    strength: float
+    unit: np.ndarray
+
+    def there(self, at: np.ndarray) -> tuple[np.ndarray, float]:
+        """Return the shift of the parameters, in steps, and the strength at a point."""
+        return at[:-1] * self.unit[:-1], float(self.strength + at[-1] * self.unit[-1])
+
+    def bounds(self, most: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return the bounds of the coordinates, for a largest strength."""
+        low, high = np.full(len(self.unit), -np.inf), np.full(len(self.unit), np.inf)
+        low[-1] = (LEAST_SHARE - 1.0) * self.strength / self.unit[-1]
+        high[-1] = (most - self.strength) / self.unit[-1]
+        return low, high
+
+    def noise(self, exactness: float) -> np.ndarray:
+        """Return the covariance of chance and of what the model of an effect may be wrong by: the road's may differ."""
+        wrong = SIGNATURE_ERROR * exactness * self.shift
+        return self.fitted.null.noise + np.outer(wrong, wrong) * alike_errors(self.fitted.null)
+
+    def noise_of(self, exactness: float) -> Callable[[ExplainedRuns, np.ndarray], np.ndarray]:
+        """Return what tells the covariance around runs: an effect that brings jams brings their chance too."""
+        base, null, num_drives = self.noise(exactness), self.fitted.null, len(self.fitted.tallies)
+
+        def noise(runs: ExplainedRuns, error: np.ndarray) -> np.ndarray:
+            longer = np.maximum(runs.deviation(null, num_drives), 1.0)
+            return base * np.outer(longer, longer) + np.diag(error**2)
+
+        return noise
+
+    def run_with(self, make: _Makes) -> Callable[[np.ndarray], tuple[ExplainedRuns, np.ndarray, np.ndarray] | None]:
+        """Return what makes runs at a point and tells their features with standard errors."""
+
+        def run(at: np.ndarray) -> tuple[ExplainedRuns, np.ndarray, np.ndarray] | None:
+            steps, strength = self.there(at)
+            runs = make(self.signature, steps, strength)
+            if runs is None:
+                return None
+            shift, error = runs.difference(self.fitted.null)
+            unseen, its_error = self.signature.at(strength)
+            is_seen = np.isfinite(error)
+            return runs, np.where(is_seen, shift, unseen), np.where(is_seen, error, its_error)
+
+        return run
+
+    def unseen(self, point: Point) -> np.ndarray:
+        """Return the signature in features that the runs at a point do not show, 0 in others."""
+        _, error = point.runs.difference(self.fitted.null)
+        return np.where(np.isfinite(error), 0.0, point.features)
 
 
-def refit(fitted: Prepared, best: Explained, signatures: Sequence[Signature], maker: MakesRuns) -> Refit | None:
+def refit(
+    fitted: Prepared,
+    best: Explained,
+    signatures: Sequence[Signature],
+    maker: MakesRuns,
+    most_sumo_points: int = MOST_SUMO_POINTS,
+) -> Refit | None:
     """Return the refit of an explanation; None where its runs fail.
 
     Args:
@@ -112,69 +183,57 @@ def refit(fitted: Prepared, best: Explained, signatures: Sequence[Signature], ma
         best: the explanation, as the contest found it.
         signatures: of its effect; they say how features change with the strength.
         maker: makes runs from a signature, the shift of the parameters, in steps, and the size of the strength.
+        most_sumo_points: how often SUMO is run at most.
     """
     assert best.shift is not None
-    null, drives = fitted.null, fitted.difference
     signature, strength = signature_behind(signatures, best), abs(best.strength)
-    unit = np.append(null.prior_steps, PRIOR_SHARE * strength)
-    slopes = np.column_stack([null.slope, tangent_of(signature, strength)]) * unit
+    unit = np.append(fitted.null.prior_steps, PRIOR_SHARE * strength)
+    course = _Course(fitted, signature, best.shift, strength, unit)
     most = max(MOST_STRENGTH * effect_named(best.name).strong, strength)
-    low = np.append(np.full(len(unit) - 1, -np.inf), (LEAST_SHARE - 1.0) * strength / unit[-1])
-    high = np.append(np.full(len(unit) - 1, np.inf), (most - strength) / unit[-1])
+    low, high = course.bounds(most)
+    slopes = np.column_stack([fitted.null.slope, tangent_of(signature, strength)]) * unit
+    at = linear_step(course.noise(signature.exactness), slopes, fitted.difference - best.shift, low, high)
 
-    start = np.zeros(len(unit))
-    noise = _noise(null, best.shift, signature.exactness)
-    at = _shortened(_step(drives - best.shift, noise, slopes, start), LONGEST_STEP)
-    at = np.clip(at, low, high)
-    nearest, num_sumo_runs = None, 0
-    for iteration in range(MOST_ITERATIONS):
-        runs = maker.run(signature, at[:-1] * unit[:-1], strength + at[-1] * unit[-1])
-        if runs is None:
-            break
-        if runs.without is None:
-            num_sumo_runs += len(runs.with_effect)
-            noise = _noise(null, best.shift, CHECKED_EXACTNESS)
-        features, error = runs.difference(null)
-        noise_now = noise + np.diag(error**2)
-        left = drives - features
-        point = _Point(at, runs, features, float(left @ np.linalg.solve(noise_now, left) + at @ at))
-        longest = LONGEST_STEP
-        if nearest is not None:
-            slopes = _corrected(slopes, point, nearest)
-            if point.loss >= nearest.loss:
-                longest = 0.5 * float(np.linalg.norm(point.at - nearest.at))
-        if nearest is None or point.loss < nearest.loss:
-            nearest = point
-        left = drives - nearest.features
-        step = _shortened(_step(left, noise_now, slopes, nearest.at), longest)
-        is_worth_it = 0.5 * step @ _precision(noise_now, slopes) @ step > WORTH_A_STEP
-        if is_worth_it and nearest is point and iteration < MOST_ITERATIONS - 1:
-            there = nearest.at * unit + np.append(np.zeros(len(unit) - 1), strength)
-            slopes = maker.slopes(signature, there[:-1], there[-1], slopes / unit) * unit
-            step = _shortened(_step(left, noise_now, slopes, nearest.at), longest)
-        at = np.clip(nearest.at + step, low, high)
-        if not is_worth_it:
-            break
-    if nearest is None:
+    def measure_slopes(at: np.ndarray, known: np.ndarray) -> np.ndarray:
+        return maker.slopes(signature, *course.there(at), known / unit) * unit
+
+    # with the effect in the runs, no signature is stretched any more: what is left is that the road's has another form
+    target = Target(fitted.difference, course.noise_of(min(signature.exactness, CHECKED_EXACTNESS)), low, high)
+
+    def descent_from(at: np.ndarray, slopes: np.ndarray, make: _Makes, most_points: int) -> Descent | None:
+        return descend(target, at, slopes, course.run_with(make), measure_slopes, most_points)
+
+    found = descent_from(at, slopes, maker.in_surrogate, MOST_SURROGATE_POINTS)
+    if found is not None and found.nearest.square > most_misfit(len(best.shift)):
+        steps = maker.recalibrated(signature, course.there(found.nearest.at)[1])
+        if steps is not None:
+            elsewhere = np.append(steps / unit[:-1], found.nearest.at[-1])
+            other = descent_from(elsewhere, found.slopes, maker.in_surrogate, MOST_SURROGATE_POINTS)
+            found = other if other is not None and other.nearest.loss < found.nearest.loss else found
+    if found is not None:
+        slopes, at = found.slopes, found.nearest.at + found.step
+    in_sumo = descent_from(at, slopes, maker.in_sumo, most_sumo_points)
+    num_sumo_runs = 0 if in_sumo is None else in_sumo.num_runs
+    found = in_sumo or found
+    if found is None:
         return None
-    found = strength + at[-1] * unit[-1]
-    precision = _precision(noise, slopes)
-    deviation = unit[-1] * np.sqrt(np.linalg.inv(precision)[-1, -1])
-    log_determinants = np.linalg.slogdet(noise)[1] + np.linalg.slogdet(precision)[1]
-    interval = (max(found - QUANTILE_90 * deviation, 0.0), max(min(found + QUANTILE_90 * deviation, most), found))
+    steps, strength = course.there(found.nearest.at + found.step)
+    sharpness = precision(found.nearest.noise, found.slopes)
+    deviation = QUANTILE_90 * unit[-1] * np.sqrt(np.linalg.inv(sharpness)[-1, -1])
+    interval = (max(strength - deviation, 0.0), max(min(strength + deviation, most), strength))
     if signature.is_fixed:
         interval = tuple(sorted(signature.sign * one for one in best.interval))
     return Refit(
         effect=best.name,
         sign=signature.sign,
-        strength=float(found),
+        strength=strength,
         interval_90=(float(interval[0]), float(interval[1])),
-        steps=at[:-1] * unit[:-1],
-        runs=nearest.runs,
-        correction=slopes @ (at - nearest.at),
+        steps=steps,
+        runs=found.nearest.runs,
+        correction=found.slopes @ found.step + course.unseen(found.nearest),
         num_sumo_runs=num_sumo_runs,
-        misfit=nearest.loss,
-        log_evidence=-0.5 * float(nearest.loss + log_determinants),
+        misfit=found.nearest.square,
+        log_evidence=-0.5 * (found.nearest.loss + float(np.linalg.slogdet(sharpness)[1])),
     )
 
 
@@ -223,31 +282,3 @@ def tangent_of(signature: Signature, strength: float) -> np.ndarray:
         return np.zeros(signature.shift.shape[1])
     high, low = (1.0 + TANGENT_SHARE) * strength, (1.0 - TANGENT_SHARE) * strength
     return (signature.at(high)[0] - signature.at(low)[0]) / (high - low)
-
-
-def _noise(null: NullModel, shift: np.ndarray, exactness: float) -> np.ndarray:
-    """Return the covariance of chance and of what the model of an effect may be wrong by: the road has another form."""
-    wrong = SIGNATURE_ERROR * exactness * shift
-    return null.noise + np.outer(wrong, wrong) * alike_errors(null)
-
-
-def _precision(noise: np.ndarray, slopes: np.ndarray) -> np.ndarray:
-    return slopes.T @ np.linalg.solve(noise, slopes) + np.eye(slopes.shape[1])
-
-
-def _step(left: np.ndarray, noise: np.ndarray, slopes: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """Return the most likely further step, in prior deviations; the prior stays around the contest's point, 0."""
-    return np.linalg.solve(_precision(noise, slopes), slopes.T @ np.linalg.solve(noise, left) - at)
-
-
-def _shortened(step: np.ndarray, longest: float) -> np.ndarray:
-    return step * min(1.0, longest / max(float(np.linalg.norm(step)), 1e-12))
-
-
-def _corrected(slopes: np.ndarray, point: _Point, other: _Point) -> np.ndarray:
-    """Return slopes that give what runs at two points differ by."""
-    way = point.at - other.at
-    length = float(way @ way)
-    if length < SHORTEST_SECANT**2:
-        return slopes
-    return slopes + np.outer(point.features - other.features - slopes @ way, way) / length

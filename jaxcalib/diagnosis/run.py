@@ -25,7 +25,8 @@ from jaxcalib.diagnosis.local_search import windows_of_effects
 from jaxcalib.diagnosis.null_runs import fine_interval_s
 from jaxcalib.diagnosis.place_search import refine_places
 from jaxcalib.diagnosis.plan import plan_diagnosis
-from jaxcalib.diagnosis.refit import MOST_ITERATIONS, Refit, contenders, refit, with_refits
+from jaxcalib.diagnosis.recalibration import Recalibrator
+from jaxcalib.diagnosis.refit import MOST_SUMO_POINTS, OTHERS_SUMO_POINTS, Refit, contenders, refit, with_refits
 from jaxcalib.diagnosis.remarks import FEW_DRIVES
 from jaxcalib.diagnosis.stages import Stages
 from jaxcalib.diagnosis.sumo_check import Check, check_in_sumo
@@ -109,7 +110,7 @@ def _diagnose(
         + plan.null_runs
         + plan.default_runs
         + 2 * plan.check_runs
-        + MOST_ITERATIONS * plan.refit_runs,
+        + MOST_SUMO_POINTS * plan.refit_runs,
     )
     journal = run_folder.journal
     stopwatch = Stopwatch(journal.clock)
@@ -222,9 +223,13 @@ def _diagnose(
             return found
 
         with stopwatch.time("refit"):
-            maker = ExplainedRunner(problem, values, in_sumo, fitted.null, run_explained, plan.effect_runs)
-            for one in contenders(explained, signatures):
-                refitted = refit(fitted, one, signatures[one.name], maker)
+            recalibrator = Recalibrator(seen, searched, calibration, seed, journal, progress)
+            maker = ExplainedRunner(
+                problem, values, in_sumo, fitted.null, recalibrator.values, run_explained, plan.effect_runs
+            )
+            for rank, one in enumerate(contenders(explained, signatures)):
+                most_points = OTHERS_SUMO_POINTS if rank else MOST_SUMO_POINTS
+                refitted = refit(fitted, one, signatures[one.name], maker, most_points)
                 if refitted is not None:
                     refits[one.name] = refitted
             explained = without_needless_unknown(with_refits(explained, refits), len(fitted.null.cells))

@@ -1,8 +1,13 @@
 """How far the gap shrinks, on drives that nothing was fitted to or chosen by.
 
 The gap is the mean square of the differences between drives and simulation, weighed by the covariance of the drives'
-noise: features that move together with one jam count once, those that hardly vary count for what they show. The
-floor is the gap of sets of null runs.
+noise: features that move together with one jam count once, those that hardly vary count for what they show. Where an
+effect brings more chance than there is without it, that counts: else the gap would be that of a few features which
+hardly vary without the effect.
+
+The floor is what chance makes of the gap of a perfect simulation. It comes from the drives to fit, by how far two
+halves of them differ: drives scatter farther than runs of a calibrated simulation, by a half in fields without any
+effect. Where there are too few, it comes from runs, with the effect where one was found.
 
 Source: Mahalanobis (1936), Proc. Natl. Inst. Sci. India 2, 49-55, eq. 3.
 """
@@ -13,11 +18,14 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import solve_triangular
 
+from jaxcalib.diagnosis.explained_runs import ExplainedRuns
 from jaxcalib.diagnosis.features import DriveTallies
 from jaxcalib.diagnosis.noise import NullModel, on_cells
 
 NUM_SETS = 400
 INTERVAL = (0.05, 0.95)
+FEWEST_DRIVES = 4
+NUM_SPLITS = 60
 
 
 @dataclass(frozen=True)
@@ -55,9 +63,10 @@ class Gap:
     root: np.ndarray
 
     @staticmethod
-    def of(null: NullModel) -> "Gap":
-        """Return the measure for a null model."""
-        return Gap(np.linalg.cholesky(null.noise))
+    def of(null: NullModel, deviation: np.ndarray | None = None) -> "Gap":
+        """Return the measure for a null model; where a deviation of the features is given, the larger noise counts."""
+        longer = np.ones(len(null.cells)) if deviation is None else np.maximum(deviation, 1.0)
+        return Gap(longer[:, None] * np.linalg.cholesky(null.noise))
 
     def directions(self, difference: np.ndarray) -> np.ndarray:
         """Return a difference in directions whose noise is independent; [feature] or [feature, set]."""
@@ -71,20 +80,55 @@ class Gap:
 def differences_by_chance(
     simulated: DriveTallies, null: NullModel, num_drives: int, random: np.random.Generator
 ) -> np.ndarray:
-    """Return the differences of sets of null runs, as many as there are drives, in units of noise, [set, feature].
+    """Return how sets of runs, as many as there are drives, differ from all of them, in units of noise, [set, feature].
 
     A set is part of the runs that it is compared with; what that takes off its variance is put back.
     """
     runs = on_cells(simulated, null.cells)
+    all_values = _seen_values(runs, null)
     size = min(num_drives, len(runs) // 2)
     one, all_runs = 1.0 / size, 1.0 / len(runs)
     scale = np.sqrt((1.0 / num_drives + all_runs) / (one - all_runs))
     found = []
     for _ in range(NUM_SETS):
         drawn = runs.take(random.permutation(len(runs))[:size])
-        values = np.where(drawn.below.sum(axis=0) > 0, drawn.values(), null.mean)
-        found.append(scale * null.standardised(values))
+        values = np.where(drawn.below.sum(axis=0) > 0, drawn.values(), all_values)
+        found.append(scale * (null.standardised(values) - null.standardised(all_values)))
     return np.asarray(found)
+
+
+def floor_of_drives(
+    drives: DriveTallies, null: NullModel, gap: Gap, num_drives: int, num_runs: int, random: np.random.Generator
+) -> float | None:
+    """Return the gap between so many drives and the mean of so many runs of a perfect simulation.
+
+    It is unbiased for features that are linear in the tallies, whatever the drives have in common.
+
+    Args:
+        drives: the drives whose halves are compared.
+        null: the null model.
+        gap: measures gaps.
+        num_drives: number of drives that the floor is for.
+        num_runs: number of runs.
+        random: draws the halves.
+
+    Returns:
+        The floor; None for too few drives.
+    """
+    if len(drives) < FEWEST_DRIVES:
+        return None
+    size = len(drives) // 2
+    found = []
+    for _ in range(NUM_SPLITS):
+        one, other = (drives.take(half) for half in np.split(random.permutation(len(drives)), [size]))
+        apart = null.standardised(one.values()) - null.standardised(other.values())
+        scale = (1.0 / num_drives + 1.0 / num_runs) / (1.0 / size + 1.0 / (len(drives) - size))
+        found.append(scale * gap(apart))
+    return float(np.mean(found))
+
+
+def _seen_values(runs: DriveTallies, null: NullModel) -> np.ndarray:
+    return np.where(runs.below.sum(axis=0) > 0, runs.values(), null.mean)
 
 
 def measure_shrinkage(
@@ -93,6 +137,8 @@ def measure_shrinkage(
     simulated: DriveTallies,
     expected: Mapping[str, np.ndarray | None],
     random: np.random.Generator,
+    explained_runs: ExplainedRuns | None = None,
+    fit_drives: DriveTallies | None = None,
 ) -> Shrinkage:
     """Return the gaps.
 
@@ -104,14 +150,23 @@ def measure_shrinkage(
             with the parameters that the drives to fit ask for ("recalibrated"), with the effect ("with_effect"; None
             where none was found), and with all effects at once ("ceiling").
         random: for the floor.
+        explained_runs: runs with the effect, for the chance that it brings; None where there are none.
+        fit_drives: tallies of the drives to fit, for the floor; None to take it from the runs.
     """
-    tallies, gap = on_cells(held_out, null.cells), Gap.of(null)
+    tallies = on_cells(held_out, null.cells)
+    gap = Gap.of(null, None if explained_runs is None else explained_runs.deviation(null, len(tallies)))
     difference = null.standardised(tallies.values())
     left = {name: difference - shift for name, shift in expected.items() if shift is not None}
     gaps = {name: gap(one) for name, one in left.items()}
-    by_chance = differences_by_chance(simulated, null, len(tallies), random)
+    runs = simulated if explained_runs is None else explained_runs.with_effect
+    by_chance = differences_by_chance(runs, null, len(tallies), random)
     chance = np.asarray([gap(one) for one in by_chance])
-    floor, recalibrated = float(chance.mean()), gaps["recalibrated"]
+    floor = float(chance.mean())
+    if fit_drives is not None:
+        told = floor_of_drives(on_cells(fit_drives, null.cells), null, gap, len(tallies), len(runs), random)
+        floor = floor if told is None else told
+    by_chance, chance = by_chance * np.sqrt(floor / chance.mean()), chance * floor / chance.mean()
+    recalibrated = gaps["recalibrated"]
     with_effect = gaps.get("with_effect", recalibrated)
     ceiling = min(gaps["ceiling"], with_effect)
     fraction, interval = None, None
@@ -127,7 +182,7 @@ def measure_shrinkage(
 
 
 def _interval(closed: np.ndarray, excess: np.ndarray, gap_above_floor: float, fraction: float) -> tuple[float, float]:
-    """Return the interval of the fraction closed, from sets of null runs, whose noise stands for that of the drives.
+    """Return the interval of the fraction closed, from sets of runs, whose noise stands for that of the drives.
 
     The noise of each set, and its products with what the effect closes and leaves, are taken off what was seen.
 

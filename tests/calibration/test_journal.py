@@ -1,3 +1,4 @@
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -5,6 +6,7 @@ import pytest
 
 from jaxcalib.journal import Journal, write_atomically
 from sim_adapters.interface import RunOutcome, RunRequest, Status
+from surrogate.effects.base import EffectSetting
 
 
 def outcome(seed: int, status: Status = Status.OK) -> RunOutcome:
@@ -75,3 +77,19 @@ def test_a_write_that_breaks_off_leaves_what_was_there(tmp_path: Path):
     with pytest.raises(OSError, match="disk full"):
         write_atomically(file, breaks_off)
     assert file.read_text() == "old"
+
+
+def test_a_run_with_an_effect_is_another_run(tmp_path: Path):
+    plain = outcome(1)
+    slow, slower = ({"slow_start": EffectSetting(strength)} for strength in (0.2, 0.3))
+    made = replace(plain, request=replace(plain.request, effects=slow), num_arrived=np.asarray([5, 1]))
+    Journal(tmp_path / "journal").add("surrogate", [plain, made], 1.0)
+    again = Journal(tmp_path / "journal")
+    found = again.find("surrogate", made.request)
+    assert found is not None
+    assert found.request == made.request
+    assert found.num_arrived.tolist() == [5, 1]
+    without = again.find("surrogate", plain.request)
+    assert without is not None
+    assert without.num_arrived.tolist() == [7, 2]
+    assert again.find("surrogate", replace(plain.request, effects=slower)) is None

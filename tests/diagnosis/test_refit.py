@@ -50,17 +50,32 @@ def signature(is_fixed: bool = False, sign: float = 1.0) -> Signature:
 
 
 class Made:
-    """Makes runs with the truth, bent otherwise by so much; its slopes are those of central differences."""
+    """Makes runs with the truth; the surrogate's are bent otherwise by so much, and seen beside its own baseline."""
 
-    def __init__(self, bend: float = 0.0, fails: bool = False) -> None:
-        self.bend, self.fails, self.asked = bend, fails, 0
+    def __init__(self, bend: float = 0.0, fails: bool = False, in_sumo: bool = True, sensor: bool = False) -> None:
+        self.bend, self.fails, self.has_sumo, self.is_sensor = bend, fails, in_sumo, sensor
+        self.asked: list[str] = []
+        self.found: np.ndarray | None = None  # what a calibration with the effect finds
 
     def features(self, steps: np.ndarray, strength: float) -> np.ndarray:
         return truth(steps, strength) + self.bend * strength**2 * BEND
 
-    def run(self, signature: Signature, steps: np.ndarray, strength: float) -> ExplainedRuns | None:
-        self.asked += 1
-        return None if self.fails else ExplainedRuns(tallies(self.features(steps, strength), seed=7))
+    def in_surrogate(self, signature: Signature, steps: np.ndarray, strength: float) -> ExplainedRuns | None:
+        self.asked.append("surrogate")
+        if self.fails or self.is_sensor:
+            return None
+        bias = 2.0 * DIRECTION
+        return ExplainedRuns(tallies(self.features(steps, strength) + bias, seed=7), tallies(bias, seed=7))
+
+    def in_sumo(self, signature: Signature, steps: np.ndarray, strength: float) -> ExplainedRuns | None:
+        self.asked.append("sumo")
+        if self.fails or not self.has_sumo:
+            return None
+        return ExplainedRuns(tallies(self.features(steps, strength), seed=8))
+
+    def recalibrated(self, signature: Signature, strength: float) -> np.ndarray | None:
+        self.asked.append("recalibrated")
+        return self.found
 
     def slopes(self, signature: Signature, steps: np.ndarray, strength: float, known: np.ndarray) -> np.ndarray:
         assert known.shape == (SIZE, len(steps) + 1)
@@ -84,6 +99,64 @@ def test_strength_and_parameters_come_nearer_to_the_truth():
     linear = best.shift + NULL.slope @ parameter_shift(prepared.difference - best.shift, NULL)
     assert np.mean((found.expected(NULL, NULL) - wanted) ** 2) < 0.5 * np.mean((linear - wanted) ** 2)
     assert found.num_sumo_runs in (NUM_RUNS, 2 * NUM_RUNS)
+    assert found.runs.without is None
+
+
+@pytest.mark.parametrize("maker", [Made(in_sumo=False), Made(sensor=True)], ids=["surrogate alone", "sensor"])
+def test_one_simulator_is_enough(maker: Made):
+    prepared = drives(TRUE_STRENGTH)
+    best = explain(prepared.difference, NULL, [signature()], 0.5)
+    found = refit(prepared, best, [signature()], maker)
+    assert found is not None
+    assert found.strength == pytest.approx(TRUE_STRENGTH, abs=0.06)
+    np.testing.assert_allclose(found.steps, STEPS, atol=0.6)
+    assert (found.num_sumo_runs > 0) == maker.is_sensor
+
+
+def test_where_steps_do_not_lead_to_an_agreement_the_search_begins_again():
+    """Values bent so far that the steps' slopes point the wrong way: only the calibration finds back."""
+    prepared, maker = drives(TRUE_STRENGTH), Made(in_sumo=False)
+    far = np.asarray([6.0, 0.0, 0.0])
+    moved = replace(prepared, difference=prepared.difference + NULL.slope @ far)
+    best = explain(prepared.difference, NULL, [signature()], 0.5)
+    straight = maker.features
+
+    def folded(steps: np.ndarray, strength: float) -> np.ndarray:
+        """Return features that answer to the first parameter only near where the drives were made."""
+        return straight(np.where(np.abs(steps - STEPS - far) < 2.0, steps, np.asarray([-2.0, *steps[1:]])), strength)
+
+    maker.features = folded
+    alone = refit(moved, best, [signature()], maker)
+    maker.found = STEPS + far
+    again = refit(moved, best, [signature()], maker)
+    assert "recalibrated" in maker.asked
+    assert alone is not None
+    assert again is not None
+    assert again.misfit < 0.7 * alone.misfit
+    np.testing.assert_allclose(again.steps, STEPS + far, atol=1.0)
+
+
+def test_features_that_runs_do_not_show_come_from_the_signature():
+    prepared = drives(TRUE_STRENGTH)
+    best = explain(prepared.difference, NULL, [signature()], 0.5)
+    maker, hidden = Made(in_sumo=False), np.arange(SIZE) % 6 == 1
+    shown = maker.in_surrogate
+
+    def blind(signature: Signature, steps: np.ndarray, strength: float) -> ExplainedRuns | None:
+        made = shown(signature, steps, strength)
+        assert made is not None
+        assert made.without is not None
+        with_effect, without = (replace(one, below=one.below * ~hidden, above=one.above * ~hidden)
+                                for one in (made.with_effect, made.without))  # fmt: skip
+        return ExplainedRuns(with_effect, without)
+
+    maker.in_surrogate = blind
+    found = refit(prepared, best, [signature()], maker)
+    assert found is not None
+    runs, _ = found.runs.difference(NULL)
+    np.testing.assert_allclose(runs[hidden], 0.0)
+    expected = signature().at(found.strength)[0]
+    np.testing.assert_allclose(found.correction[hidden], expected[hidden], atol=1.0)
 
 
 def test_only_the_fitted_explanation_changes():

@@ -8,12 +8,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from synthetic import made_up_null
 
+from jaxcalib.diagnosis.explained_runs import ExplainedRuns
 from jaxcalib.diagnosis.features import Cell, DriveTallies
 from jaxcalib.diagnosis.noise import FEWEST_EFFECTIVE_RUNS, NullModel, observed_cells
-from jaxcalib.diagnosis.shrinkage import Gap, differences_by_chance, measure_shrinkage
+from jaxcalib.diagnosis.shrinkage import FEWEST_DRIVES, Gap, differences_by_chance, floor_of_drives, measure_shrinkage
 
 NULL = made_up_null(num_features=80)
 SIZE = len(NULL.cells)
+# the same, without directions that have hardly any noise, as `noise.shrunk_correlation` leaves it
+TAME = replace(NULL, noise=0.85 * NULL.noise + 0.15 * np.eye(SIZE))
 NUM_DRIVES = 4
 EFFECT = 0.8 * np.random.default_rng(1).standard_normal(SIZE)
 NOTHING = np.zeros(SIZE)
@@ -25,6 +28,13 @@ def tallies(shift: np.ndarray, num_drives: int, seed: int, null: NullModel = NUL
     noise = np.sqrt(NUM_DRIVES) * normal @ np.linalg.cholesky(null.noise).T
     above = null.mean + null.deviation * (shift + noise)
     return DriveTallies(null.cells, above, np.ones_like(above), np.zeros(num_drives))
+
+
+def louder(num_drives: int, seed: int, shift: np.ndarray = EFFECT) -> DriveTallies:
+    """Return drives around a shift with three times the noise."""
+    quiet = tallies(shift, num_drives, seed, TAME)
+    middle = NULL.mean + NULL.deviation * shift
+    return replace(quiet, above=middle + 3.0 * (quiet.above - middle))
 
 
 def shrinkage(explained: np.ndarray | None, seed: int, shift: np.ndarray = EFFECT):
@@ -57,6 +67,38 @@ def test_the_floor_is_what_chance_makes_of_held_out_drives():
     assert all(one.with_effect == one.recalibrated and one.ceiling <= one.recalibrated for one in floors)
 
 
+def test_an_effect_that_brings_chance_is_not_blamed_for_it():
+    """Drives with the effect scatter three times as far: what is left then is chance, and all of the gap is closed."""
+    effect = 4.0 * EFFECT
+    expected = {"default": -effect, "recalibrated": NOTHING, "with_effect": effect, "ceiling": effect}
+    found = []
+    for seed in range(12):
+        field, null_runs = louder(NUM_DRIVES, 50 + seed, effect), tallies(NOTHING, 56, 100 + seed, TAME)
+        random = np.random.default_rng(seed)
+        told = measure_shrinkage(field, TAME, null_runs, expected, random, ExplainedRuns(louder(400, 7, effect)))
+        plain = measure_shrinkage(field, TAME, null_runs, expected, random)
+        assert told.with_effect == pytest.approx(plain.with_effect / 9.0, rel=0.3)
+        found.append((told.fraction_closed, plain.fraction_closed, told.floor, told.with_effect))
+    told, plain, floor, left = np.mean(found, axis=0)
+    assert told == pytest.approx(1.0, abs=0.05)
+    assert plain < told - 0.1
+    assert floor == pytest.approx(left, rel=0.25)
+
+
+@pytest.mark.parametrize("num_drives", [5, 8, 12])
+def test_the_floor_of_drives_that_scatter_farther_than_runs_is_theirs(num_drives: int):
+    gap, random = Gap.of(TAME), np.random.default_rng(0)
+    of_drives = []
+    for seed in range(25):
+        floor = floor_of_drives(louder(num_drives, seed), TAME, gap, NUM_DRIVES, 56, random)
+        assert floor is not None
+        of_drives.append(floor)
+    middle = NULL.standardised(NULL.mean + NULL.deviation * EFFECT)
+    seen = [gap(NULL.standardised(louder(NUM_DRIVES, 900 + k).values()) - middle) for k in range(60)]
+    assert np.mean(of_drives) == pytest.approx(np.mean(seen) * (1 + NUM_DRIVES / 56), rel=0.12)
+    assert floor_of_drives(louder(FEWEST_DRIVES - 1, 3), TAME, gap, NUM_DRIVES, 56, random) is None
+
+
 def test_without_a_gap_there_is_no_fraction():
     found = [shrinkage(NOTHING + 0.01, seed, NOTHING) for seed in range(8)]
     assert any(one.fraction_closed is None for one in found)
@@ -71,7 +113,8 @@ def test_what_drives_do_not_show_counts_as_explained():
 def test_the_gap_does_not_depend_on_how_features_are_ordered(seed: int, size: int):
     random = np.random.default_rng(seed)
     mixing = random.standard_normal((size, size)) + 3.0 * np.eye(size)
-    noise, difference, order = mixing @ mixing.T, random.standard_normal(size), random.permutation(size)
+    noise = mixing @ mixing.T + np.eye(size)
+    difference, order = random.standard_normal(size), random.permutation(size)
     one = Gap(np.linalg.cholesky(noise))(difference)
     other = Gap(np.linalg.cholesky(noise[np.ix_(order, order)]))(difference[order])
     assert one == pytest.approx(other, rel=1e-8)
