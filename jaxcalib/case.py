@@ -1,10 +1,11 @@
 """A case: the folder that ties a SUMO scenario to the logs of drives on that road."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
-from jaxcalib.case_file import FILE_NAME, CaseTable, DriveSection, SubjectSection, read_case_table
+from jaxcalib.case_file import FILE_NAME, BehaviourSection, CaseTable, DriveSection, SubjectSection, read_case_table
 from jaxcalib.errors import CaseError, quote
 from surrogate.model_entry import ParameterRangeError, UnknownModelError
 from surrogate.subject.registry import SUBJECT_MODELS, SubjectModel
@@ -67,11 +68,13 @@ class Behaviour:
         vtypes: background vTypes.
         car_following: their car-following model.
         parameters: vType attributes that may be moved; None means the library's list for that model.
+        distant_vtypes: vType as which each of these vTypes follows beyond the sensors' range.
     """
 
     vtypes: tuple[str, ...]
     car_following: str
     parameters: tuple[str, ...] | None
+    distant_vtypes: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -174,8 +177,7 @@ def read_case(folder: Path | str) -> Case:
         drives=tuple(_drive(root, drive) for drive in table.drive),
         scenario=scenario,
         subject=table.subject and _subject(table.subject),
-        behaviour=table.behaviour
-        and Behaviour(table.behaviour.vtypes, table.behaviour.car_following, table.behaviour.parameters),
+        behaviour=table.behaviour and _behaviour(table.behaviour),
         inputs=tuple(Input(entrance.id, entrance.flows) for entrance in table.input),
     )
 
@@ -208,6 +210,10 @@ def _subject(section: SubjectSection) -> SubjectVehicle:
     except ParameterRangeError as error:
         raise CaseError(FILE_NAME, "subject.parameters", f"expected a value within its range: {error}") from None
     return SubjectVehicle(section.vtype, section.vehicle, model)
+
+
+def _behaviour(section: BehaviourSection) -> Behaviour:
+    return Behaviour(section.vtypes, section.car_following, section.parameters, section.distant_vtypes or {})
 
 
 def _drive(root: Path, drive: DriveSection) -> Drive:

@@ -78,6 +78,7 @@ class BehaviourSection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     vtypes: Names
     car_following: Name
     parameters: Names | None = None
+    distant_vtypes: Annotated[dict[str, str], Meta(description="a table of vTypes by vType")] | None = None
 
 
 class InputSection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

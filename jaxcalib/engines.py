@@ -7,6 +7,7 @@ import numpy as np
 from jaxcalib.problem import FRAME_INTERVAL_S, CalibrationProblem
 from sim_adapters.jax_simulator import JaxSimulator
 from sim_adapters.program_store import program_store
+from sim_adapters.sumo_distant import DistantTypes
 from sim_adapters.sumo_driver import subject_control
 from sim_adapters.sumo_simulator import FrameFold, SensorRange, SumoSimulator, VehicleCounter
 from sim_adapters.units import METRES_PER_KILOMETRE
@@ -89,7 +90,15 @@ def sumo_engine(
         num_processes=num_processes,
         counter=counter,
         control=lambda request: subject_control(problem.template, request, clock, plan.steps_before_decision),
+        distant=_distant_types(problem, clock, plan.steps_before_decision),
     )
+
+
+def _distant_types(problem: CalibrationProblem, clock: Clock, first_step: int) -> DistantTypes | None:
+    chosen, sensor = problem.template.distant_vtypes, problem.case.perception
+    if not chosen:
+        return None
+    return DistantTypes(dict(chosen), sensor.ahead_m, sensor.behind_m, clock.steps_per_decision, first_step)
 
 
 def _clock(problem: CalibrationProblem) -> Clock:

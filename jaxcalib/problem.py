@@ -104,6 +104,10 @@ class CalibrationProblem:
         values = [self.scenario.values_of(vtype) for vtype in self.layout.vtypes]
         if any(one[name] != values[0][name] for one in values for name in self.layout.attributes):
             own.append("case.toml: behaviour.vtypes differ in the scenario; all get the same calibrated values.")
+        if self.template.distant_vtypes:
+            own.append(
+                "case.toml: behaviour.distant_vtypes: in plain SUMO nobody changes over, so not in RUN/scenario."
+            )
         own += self.range_warnings
         return (*own, *self.scenario.warnings, *(line for drive in self.drives for line in drive.warnings))
 
@@ -133,7 +137,8 @@ def read_problem(folder: Path | str, *, as_stated: bool = False) -> CalibrationP
             case = dataclasses.replace(case, perception=seen_perception(drives, stated))
         sensor = case.perception
         drives = tuple(dataclasses.replace(drive, ahead_m=sensor.ahead_m, behind_m=sensor.behind_m) for drive in drives)
-        template = build_template(scenario, layout, parts.subject.model, (sensor.ahead_m, sensor.behind_m))
+        reach_m, distant = (sensor.ahead_m, sensor.behind_m), parts.behaviour.distant_vtypes
+        template = build_template(scenario, layout, parts.subject.model, reach_m, distant)
     except ScenarioError as error:
         raise CaseError(error.file, "", error.message) from None
     if parts.subject.model.name == REPLAY:

@@ -18,6 +18,7 @@ from sim_adapters.frame_table import ObjectTable, SubjectTable, stack_frames
 from sim_adapters.interface import ParameterLayout, RunOutcome, RunRequest, Status
 from sim_adapters.scenario import Scenario
 from sim_adapters.scenario_writer import write_scenario
+from sim_adapters.sumo_distant import DistantTypes
 from sim_adapters.sumo_driver import SubjectControl
 from sim_adapters.sumo_worker import SumoJob, SumoRun, begin_worker, run_job
 from surrogate.perception import PerceptionFrame
@@ -76,6 +77,7 @@ class SumoSimulator:
         scratch: Path | None = None,
         counter: "VehicleCounter | None" = None,
         control: Callable[[RunRequest], SubjectControl | None] = lambda request: None,
+        distant: DistantTypes | None = None,
     ) -> None:
         """Start the pool; workers start with the first run.
 
@@ -92,6 +94,7 @@ class SumoSimulator:
             scratch: where files of runs lie while they are made; the system's folder unless given.
             counter: counts vehicles on the road, up to the end of the run, instead of folding frames.
             control: how to drive the subject vehicle in a run; SUMO drives it unless given.
+            distant: which vehicles follow by another vType beyond the sensors' range.
         """
         self._scenario = scenario
         self._layout = layout
@@ -103,6 +106,7 @@ class SumoSimulator:
         self._longest_run_s = longest_run_s
         self._counter = counter
         self._control = control
+        self._distant = distant
         self.num_processes = num_processes or len(os.sched_getaffinity(0))
         self._scratch = Path(tempfile.mkdtemp(prefix="jaxcalib-", dir=scratch))
         self._pool = ProcessPool(
@@ -162,6 +166,7 @@ class SumoSimulator:
             num_entrances=len(self._scenario.entrances),
             counted_edges=self._counter.edges if self._counter else (),
             control=self._control(request),
+            distant=self._distant,
         )
         return folder, self._pool.schedule(run_job, args=(job,), timeout=self._longest_run_s)
 

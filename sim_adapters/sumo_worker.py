@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from sim_adapters.sumo_distant import DistantTypes, TypeSwitch
+
 if TYPE_CHECKING:  # it loads JAX, which a worker needs only where the subject vehicle has a driver of its own
     from sim_adapters.sumo_driver import SubjectControl
 
@@ -37,6 +39,7 @@ class SumoJob:
         num_entrances: number of entrances.
         counted_edges: edges at whose end vehicles are counted; with any, the run goes on to its end.
         control: how to drive the subject vehicle; None where SUMO does.
+        distant: which vehicles follow by another vType beyond the sensors' range; None where none does.
     """
 
     config: Path
@@ -51,6 +54,7 @@ class SumoJob:
     num_entrances: int
     counted_edges: tuple[str, ...] = ()
     control: "SubjectControl | None" = None
+    distant: DistantTypes | None = None
 
 
 @dataclass(frozen=True)
@@ -156,13 +160,20 @@ def _step_until_subject_left(libsumo, job: SumoJob) -> dict:
         from sim_adapters.sumo_driver import driver_of
 
         driver = driver_of(libsumo, job.control, job)
+    switch = None
+    if job.distant is not None:
+        switch = TypeSwitch(libsumo, job.distant, job.subject_vehicle, job.radius_m, job.lane_place)
     for step in range(round(job.end_s / step_s)):
+        if switch is not None and not has_left:
+            switch.before_step(step)
         if driver is not None and not has_left:
             has_entered = has_entered or driver.enters(step)
             has_left = has_entered and not driver.before_step(step)
             if has_left and not job.counted_edges:
                 break
         libsumo.simulationStep()
+        if switch is not None:
+            switch.departed(simulation.getDepartedIDList())
         for departed in simulation.getDepartedIDList():
             entrance = job.entrance_of_flow.get(departed.rpartition(".")[0])
             if entrance is not None:

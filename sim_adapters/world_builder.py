@@ -1,5 +1,6 @@
 """Turns a scenario and a parameter vector into the surrogate's `World`; works on traced values."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import jax.numpy as jnp
@@ -14,6 +15,7 @@ from sim_adapters.road_builder import build_road
 from sim_adapters.scenario import Scenario
 from sim_adapters.sumo_names import vehicle_class, with_attribute
 from sim_adapters.units import SECONDS_PER_HOUR
+from surrogate.distant import DistantDrivers, distant_class
 from surrogate.effects.apply import NUM_CLASSES_OF_EFFECTS, classes_with_effects, true_inputs
 from surrogate.effects.settings import Effects
 from surrogate.inflow import Inflow, SubjectPlan
@@ -43,7 +45,7 @@ class WorldTemplate:
         flow_input: input that scales each flow; the number of inputs where none does.
         flow_destination: destination of each flow.
         flow_class: class of each flow.
-        class_names: vTypes in the order of the classes, the subject vehicle's last.
+        class_names: vTypes in the order of the classes: of the flows, of distant vehicles, of the subject vehicle.
         class_models: their car-following models.
         class_values: their attributes.
         subject_entrance: entrance of the subject vehicle.
@@ -51,6 +53,7 @@ class WorldTemplate:
         subject_model: who drives it.
         sensor_range_m: how far it sees ahead and behind; its planner knows no more.
         logged_drives: what it replays, if it does; put in with `dataclasses.replace`.
+        distant_vtypes: vType as which each of these vTypes follows beyond the sensors' range.
     """
 
     layout: ParameterLayout
@@ -72,6 +75,7 @@ class WorldTemplate:
     subject_model: SubjectModel = field(default_factory=SubjectModel)
     sensor_range_m: tuple[float, float] = (150.0, 150.0)
     logged_drives: tuple[LoggedDrive, ...] = ()
+    distant_vtypes: Mapping[str, str] = field(default_factory=dict)
 
     def base_demand_vehph(self) -> np.ndarray:
         """Return the demand of each input as the scenario has it."""
@@ -139,7 +143,15 @@ class WorldTemplate:
             seed=seed,
             effects=effects,
             driver=self._driver(depart_s, seed),
+            distant=self._distant(),
         )
+
+    def _distant(self) -> DistantDrivers | None:
+        if not self.distant_vtypes:
+            return None
+        near = tuple(self.class_names.index(name) for name in self.distant_vtypes)
+        distant = tuple(self.class_names.index(name) for name in self.distant_vtypes.values())
+        return DistantDrivers(near, distant, *self.sensor_range_m)
 
     def _driver(self, depart_s: Float[Array, ""], seed: Int[Array, ""]) -> Planner | Replay | None:
         if self.subject_model.name == REPLAY:
@@ -158,7 +170,7 @@ class WorldTemplate:
         inflow = Inflow(**(shared | {"flow_share": 0}))  # pyright: ignore[reportArgumentType]
         effects = 0 if has_effects else None
         driver = Replay(None, None, None, None, None, log=0) if self.subject_model.name == REPLAY else None  # pyright: ignore
-        return World(None, inflow, 0, 0, subject, 0, effects, driver)  # pyright: ignore[reportArgumentType]
+        return World(None, inflow, 0, 0, subject, 0, effects, driver, self._distant())  # pyright: ignore[reportArgumentType]
 
     def _classes(self, behaviour: Float[Array, " parameter"]) -> tuple[VehicleClass, ...]:
         classes = []
@@ -169,6 +181,9 @@ class WorldTemplate:
                 for index, attribute in enumerate(self.layout.attributes):
                     one = with_attribute(one, model, attribute, behaviour[index])
             classes.append(self.subject_model.vehicle_class(one) if is_subject else one)
+        for near, distant in self.distant_vtypes.items():
+            place = self.class_names.index(distant)
+            classes[place] = distant_class(classes[self.class_names.index(near)], classes[place])
         return tuple(classes)
 
 
@@ -177,6 +192,7 @@ def build_template(
     layout: ParameterLayout,
     subject_model: SubjectModel | None = None,
     sensor_range_m: tuple[float, float] = (150.0, 150.0),
+    distant_vtypes: Mapping[str, str] | None = None,
 ) -> WorldTemplate:
     """Return what all worlds of a scenario share.
 
@@ -185,11 +201,13 @@ def build_template(
         layout: meaning of parameter vectors.
         subject_model: who drives the subject vehicle; its vType unless given.
         sensor_range_m: how far it sees ahead and behind.
+        distant_vtypes: vType as which each of these vTypes follows beyond that; see `surrogate/distant.py`.
 
     Raises:
         UnknownModelError: there is no such subject model or parameter.
         ParameterRangeError: a parameter of it is out of range.
-        ScenarioError: an input names a flow that the scenario lacks, or a vType is missing.
+        ScenarioError: an input names a flow that the scenario lacks, a vType is missing, or distant vehicles cannot be
+            of it.
     """
     subject_model = subject_model or SubjectModel()
     subject_model.check()
@@ -205,6 +223,9 @@ def build_template(
             raise ScenarioError(scenario.demand.file, f"expected a <vType id='{vtype}'>; there is none.")
     input_of = {flow: i for i, flows in enumerate(layout.input_flows) for flow in flows}
     names = list(dict.fromkeys(flow.vtype for flow in scenario.flows))
+    distant_vtypes = dict(distant_vtypes or {})
+    _check_distant(scenario, distant_vtypes, names)
+    names += distant_vtypes.values()
     names.append(scenario.demand.subject_vtype)
     by_entrance = [[flow for flow in scenario.flows if flow.route[0] == edge] for edge in scenario.entrances]
     most = max(1, *(len(flows) for flows in by_entrance))
@@ -239,7 +260,25 @@ def build_template(
         subject_destination=0,
         subject_model=subject_model,
         sensor_range_m=sensor_range_m,
+        distant_vtypes=distant_vtypes,
     )
+
+
+def _check_distant(scenario: Scenario, distant_vtypes: Mapping[str, str], of_flows: Sequence[str]) -> None:
+    file, known = scenario.demand.file, scenario.demand.vtypes
+    for near, distant in distant_vtypes.items():
+        if near not in of_flows:
+            raise ScenarioError(file, f"distant vehicles: expected a <flow type='{near}'>; there is none.")
+        if distant not in known:
+            raise ScenarioError(file, f"distant vehicles: expected a <vType id='{distant}'>; there is none.")
+        if distant in of_flows or distant == scenario.demand.subject_vtype:
+            raise ScenarioError(file, f"distant vehicles: expected a vType that enters nowhere, got '{distant}'.")
+        lengths = [scenario.values_of(name)["length"] for name in (near, distant)]
+        if lengths[0] != lengths[1]:
+            told = f"expected the length of '{near}', {lengths[0]:g}, for '{distant}', got {lengths[1]:g}"
+            raise ScenarioError(file, f"distant vehicles: {told}; nobody grows on the road.")
+    if len(set(distant_vtypes.values())) < len(distant_vtypes):
+        raise ScenarioError(file, "distant vehicles: expected a vType of its own for each; one is named twice.")
 
 
 def _entrance_tables(scenario: Scenario) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

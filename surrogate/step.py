@@ -1,9 +1,11 @@
 """One decision of the whole road: vehicles change lane, leave and enter; no time passes."""
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
+from surrogate.distant import with_distant_drivers
 from surrogate.effects.apply import decided, road_demands, settled, with_lane_changes, with_memories
 from surrogate.effects.base import Moment
 from surrogate.inflow import ArrivalDraws, arrive, entrants
@@ -77,6 +79,10 @@ def settle_lanes(
     """
     now_s = state.step.astype(jnp.float32) * clock.step_s
     effects = world.effects
+    if world.distant is not None:
+        is_subject = world.is_subject(state.vehicles)
+        changed = with_distant_drivers(state.vehicles, world.distant, world.classes, is_subject)
+        state = eqx.tree_at(lambda s: s.vehicles, state, changed)
     queues = arrive(
         state,
         world.inflow,

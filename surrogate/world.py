@@ -3,6 +3,7 @@
 import equinox as eqx
 from jaxtyping import Array, Bool, Float, Int
 
+from surrogate.distant import DistantDrivers
 from surrogate.effects.settings import Effects
 from surrogate.inflow import Inflow, SubjectPlan
 from surrogate.lane_change.manoeuvre import (
@@ -52,6 +53,7 @@ class World(eqx.Module):
         seed: seed of the run.
         effects: what the baseline lacks; None for the baseline, whose program then knows nothing of effects.
         driver: who drives the subject vehicle, if not the models of its class.
+        distant: which vehicles follow otherwise beyond the sensors' range; None where none does.
     """
 
     road: Road
@@ -62,6 +64,7 @@ class World(eqx.Module):
     seed: Int[Array, ""]
     effects: Effects | None = None
     driver: Planner | Replay | None = None
+    distant: DistantDrivers | None = None
 
     @property
     def subject_class(self) -> int:
