@@ -11,6 +11,7 @@ NEAREST_POINTS = 8  # enough to reach both sides of a lane's border and of a ben
 LANE_TOLERANCE_M = 0.5  # beyond half a lane's width: a vehicle that changes lanes is in either for a moment
 ROADSIDE_M = 1.0  # beyond the outermost lanes: farther off it is on a ramp or on the shoulder
 BORDER_REACH_M = 30.0  # errors of range, late reports and biased sensors carry an object across an edge's end
+MAP_REACH_M = 100.0  # a map that lies wrong, or a place that drifts, carries everything farther
 
 
 @dataclass(frozen=True)
@@ -40,6 +41,7 @@ class LaneMatch:
         lateral_m: offset from its centre, + left; nan where unknown or where the number contradicts the place across.
         contradicts: the number and the place across the road mean different lanes; `row` follows the number.
         no_such_lane: the road has no lane of that number there.
+        misplaced: of these, the road has one a little before or farther on.
         off_road: without a number, and farther off than the outermost lanes.
         unknown: neither a number nor a place across.
     """
@@ -49,6 +51,7 @@ class LaneMatch:
     lateral_m: np.ndarray
     contradicts: np.ndarray
     no_such_lane: np.ndarray
+    misplaced: np.ndarray
     off_road: np.ndarray
     unknown: np.ndarray
 
@@ -152,7 +155,9 @@ def match_lanes(
     reached[:, 0] = True
 
     index = np.where(given, lane - 1, 0)[:, None]
-    exists = reached & (index < geometry.num_lanes[inside])
+    has_lane = index < geometry.num_lanes[inside]
+    exists = reached & has_lane
+    is_nearby = ((candidates == inside) & (from_end_m <= MAP_REACH_M) & has_lane).any(axis=1)
     column = np.minimum(index, geometry.row_of_lane.shape[1] - 1)
     lateral = across_m[:, None] - geometry.lane_centre_m[inside, column]
     fits = exists & (np.abs(lateral) <= geometry.lane_width_m[inside, column] / 2 + LANE_TOLERANCE_M)
@@ -176,6 +181,7 @@ def match_lanes(
         lateral_m=np.where(is_there & is_near, lateral, np.nan),
         contradicts=given & is_there & placed & ~is_near,
         no_such_lane=given & ~is_there,
+        misplaced=given & ~is_there & is_nearby,
         off_road=off_road,
         unknown=~given & ~placed,
     )

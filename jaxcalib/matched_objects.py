@@ -26,7 +26,7 @@ class MatchedObjects:
         rows_without_subject: rows left out, for the subject vehicle's table has no such time or no place then.
         rows_without_place: rows left out, for something is missing.
         rows_off_route: rows left out, before or behind the route.
-        rows_off_road: rows left out, beside the carriageway.
+        rows_off_road: rows left out, beside the carriageway, or in a lane that is there a little farther on.
         lanes_contradicting: rows that stay although lane and place across mean different lanes.
         warnings: what a user should know.
     """
@@ -71,7 +71,7 @@ def match_objects(
     across_m = subject_across_m[instant] + log.relative_y_m
     edge = geometry.edge_at(position_m)
     lanes = match_lanes(geometry, position_m, across_m, log.lane, edge)
-    refuse_lanes(geometry, log.file, np.arange(len(keep)), log.lane, keep & lanes.no_such_lane, edge)
+    rows_misplaced = refuse_lanes(geometry, log.file, np.arange(len(keep)), log.lane, keep, lanes)
     contradicts = keep & lanes.contradicts
     share = int(contradicts.sum()) / max(int(keep.sum()), 1)
     if share > MOST_CONTRADICTING:
@@ -81,8 +81,8 @@ def match_objects(
         )
         raise CaseError(log.file, row_place(int(np.argmax(contradicts))), expected)
     rows_without_place += int((keep & lanes.unknown).sum())
-    rows_off_road = int((keep & lanes.off_road).sum())
-    keep &= ~lanes.unknown & ~lanes.off_road
+    rows_off_road = int((keep & lanes.off_road).sum()) + rows_misplaced
+    keep &= ~lanes.unknown & ~lanes.off_road & ~lanes.no_such_lane
     keep &= _nearest_of_each_instant(instant, log.vehicle, np.abs(late_s), keep)
 
     rows = np.flatnonzero(keep)
@@ -101,7 +101,9 @@ def match_objects(
         rows_off_route=rows_off_route,
         rows_off_road=rows_off_road,
         lanes_contradicting=int(contradicts.sum()),
-        warnings=_object_warnings(log, rows_without_subject, rows_without_place, int(contradicts.sum())),
+        warnings=_object_warnings(
+            log, rows_without_subject, rows_without_place, rows_misplaced, int(contradicts.sum())
+        ),
     )
 
 
@@ -139,12 +141,13 @@ def _nearest_of_each_instant(
 
 
 def _object_warnings(
-    log: ObjectLog, rows_without_subject: int, rows_without_place: int, num_contradicting: int
+    log: ObjectLog, rows_without_subject: int, rows_without_place: int, rows_misplaced: int, num_contradicting: int
 ) -> tuple[str, ...]:
     name, num_rows = log.file.name, len(log.time_s)
     found = [
         (rows_without_subject, "rows have a time at which the subject vehicle has none or no place; left out"),
         (rows_without_place, "rows have no distance, no speed, or neither lane nor place across; left out"),
+        (rows_misplaced, "rows have a lane that the road has only a little before or farther on; left out"),
         (num_contradicting, "rows have a lane other than their place across; the lane counts"),
     ]
     warnings = [f"{name}: {count} of {num_rows} {what}." for count, what in found if count]

@@ -67,7 +67,7 @@ def match_subject(geometry: RouteGeometry, log: SubjectLog) -> MatchedSubject:
     edge, num_contradicting_roads = _edge_of_road(geometry, log.road[log_row], point.position_m)
     across_m = lane_centre_m(geometry, geometry.edge_at(point.position_m), point.row) + point.lateral_m
     lanes = match_lanes(geometry, point.position_m, across_m, log.lane[log_row], edge)
-    refuse_lanes(geometry, log.file, log_row, log.lane[log_row], lanes.no_such_lane, edge)
+    refuse_lanes(geometry, log.file, log_row, log.lane[log_row], np.ones(len(log_row), bool), lanes)
     wrong_share = float(np.mean(lanes.contradicts))
     if wrong_share > MOST_CONTRADICTING:
         index = int(np.argmax(lanes.contradicts))

@@ -1,6 +1,7 @@
 """Points made from the network's own lanes are found again; lane numbers are turned into rows."""
 
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from jaxcalib.errors import CaseError
+from jaxcalib.log_checks import refuse_lanes
 from jaxcalib.log_tables import LANE_UNKNOWN
 from jaxcalib.map_matching import (
     lane_centre_m,
@@ -178,6 +180,34 @@ def test_a_lane_that_the_road_does_not_have(geometry: RouteGeometry):
     found = lanes_of(geometry, 100.0, 3.5 * LANE_WIDTH_M, 4)
     assert found.no_such_lane[0]
     assert found.row[0] == -1
+
+
+@pytest.mark.parametrize(("position_m", "misplaced"), [(240.0, True), (205.0, True), (200.0, False), (590.0, True)])
+def test_a_lane_that_the_road_has_a_little_farther_on(geometry: RouteGeometry, position_m: float, misplaced: bool):
+    found = lanes_of(geometry, position_m, np.nan, 4)  # `b`, from 300 to 500 m, has four
+    assert found.no_such_lane[0]
+    assert found.misplaced[0] == misplaced
+    assert not lanes_of(geometry, position_m, np.nan, 5).misplaced[0]
+    assert not lanes_of(geometry, position_m, np.nan, 3).misplaced[0]
+
+
+@pytest.mark.parametrize(("num_misplaced", "is_refused"), [(0, False), (5, False), (6, True)])
+def test_a_few_misplaced_rows_are_no_reason_to_refuse_a_log(
+    geometry: RouteGeometry, num_misplaced: int, is_refused: bool
+):
+    position_m, lane = np.full(100, 240.0), np.where(np.arange(100) < num_misplaced, 4, 3)
+    found = match_lanes(geometry, position_m, np.full(100, np.nan), lane, geometry.edge_at(position_m))
+    considered = np.ones(100, bool)
+    file, rows = Path("d01_objects.csv"), np.arange(100)
+    if is_refused:
+        with pytest.raises(CaseError, match='expected 1 to 3, the lanes of edge "a", got 4'):
+            refuse_lanes(geometry, file, rows, lane, considered, found)
+    else:
+        assert refuse_lanes(geometry, file, rows, lane, considered, found) == num_misplaced
+    far = match_lanes(geometry, position_m - 150.0, np.full(100, np.nan), lane, geometry.edge_at(position_m - 150.0))
+    if num_misplaced:
+        with pytest.raises(CaseError):  # nowhere near
+            refuse_lanes(geometry, file, rows, lane, considered, far)
 
 
 def test_in_the_middle_of_a_lane_change_both_numbers_fit(geometry: RouteGeometry):
