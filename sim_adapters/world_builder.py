@@ -1,6 +1,6 @@
 """Turns a scenario and a parameter vector into the surrogate's `World`; works on traced values."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import jax.numpy as jnp
@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from sim_adapters.best_lanes import LOOK_AHEAD_M, best_lanes
+from sim_adapters.distant_vtypes import check_distant_vtypes
 from sim_adapters.errors import ScenarioError
 from sim_adapters.interface import ParameterLayout
 from sim_adapters.logged_drive import LoggedDrive, replay_of
@@ -224,7 +225,7 @@ def build_template(
     input_of = {flow: i for i, flows in enumerate(layout.input_flows) for flow in flows}
     names = list(dict.fromkeys(flow.vtype for flow in scenario.flows))
     distant_vtypes = dict(distant_vtypes or {})
-    _check_distant(scenario, distant_vtypes, names)
+    check_distant_vtypes(scenario, distant_vtypes)
     names += distant_vtypes.values()
     names.append(scenario.demand.subject_vtype)
     by_entrance = [[flow for flow in scenario.flows if flow.route[0] == edge] for edge in scenario.entrances]
@@ -262,23 +263,6 @@ def build_template(
         sensor_range_m=sensor_range_m,
         distant_vtypes=distant_vtypes,
     )
-
-
-def _check_distant(scenario: Scenario, distant_vtypes: Mapping[str, str], of_flows: Sequence[str]) -> None:
-    file, known = scenario.demand.file, scenario.demand.vtypes
-    for near, distant in distant_vtypes.items():
-        if near not in of_flows:
-            raise ScenarioError(file, f"distant vehicles: expected a <flow type='{near}'>; there is none.")
-        if distant not in known:
-            raise ScenarioError(file, f"distant vehicles: expected a <vType id='{distant}'>; there is none.")
-        if distant in of_flows or distant == scenario.demand.subject_vtype:
-            raise ScenarioError(file, f"distant vehicles: expected a vType that enters nowhere, got '{distant}'.")
-        lengths = [scenario.values_of(name)["length"] for name in (near, distant)]
-        if lengths[0] != lengths[1]:
-            told = f"expected the length of '{near}', {lengths[0]:g}, for '{distant}', got {lengths[1]:g}"
-            raise ScenarioError(file, f"distant vehicles: {told}; nobody grows on the road.")
-    if len(set(distant_vtypes.values())) < len(distant_vtypes):
-        raise ScenarioError(file, "distant vehicles: expected a vType of its own for each; one is named twice.")
 
 
 def _entrance_tables(scenario: Scenario) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
