@@ -21,6 +21,7 @@ INPUT_STEPS = (0.05, 0.2)  # main entrance, and others, whose flows are smaller
 STEPS = {"tau": 0.06, "minGap": 0.1, "accel": 0.1, "decel": 0.12, "speedFactor": 0.015, "lcSpeedGain": 0.25}
 USUAL_STEP = 0.1
 LEAST_STEP = 0.02
+LEAST_LANE_CHANGE_STEP = 0.1  # SUMO's lane-change weights are about 1; a share of one near 0 would be no step at all
 BASELINE = "baseline"
 ALTERED_EXACTNESS = 0.4  # of altered drives: no surrogate, but the same effect may come in another form
 
@@ -55,7 +56,8 @@ def parameter_steps(layout: ParameterLayout, values: np.ndarray) -> np.ndarray:
     """Return the step of each parameter for its slope."""
     shares = [INPUT_STEPS[0]] + [INPUT_STEPS[1]] * (layout.num_inputs - 1)
     shares += [STEPS.get(name, USUAL_STEP) for name in layout.attributes]
-    return np.maximum(np.abs(values) * np.asarray(shares), LEAST_STEP)
+    least = [LEAST_LANE_CHANGE_STEP if name.startswith("lc") else LEAST_STEP for name in layout.names]
+    return np.maximum(np.abs(values) * np.asarray(shares), least)
 
 
 def parameter_trials(layout: ParameterLayout, values: np.ndarray, num_runs: int) -> list[Trial]:
@@ -65,7 +67,7 @@ def parameter_trials(layout: ParameterLayout, values: np.ndarray, num_runs: int)
     for place, name in enumerate(layout.names):
         for sign in (1.0, -1.0):
             moved = values.copy()
-            moved[place] += sign * steps[place]
+            moved[place] = max(moved[place] + sign * steps[place], 0.0)
             trials.append(Trial(f"{name} {sign:+.0f}", _tuple(moved), num_runs))
     return trials
 

@@ -54,6 +54,7 @@ class Recalibrator:
     Attributes:
         problem: the problem.
         searched: the search without effects.
+        base: values without effects that the diagnosis goes on from.
         budget: its numbers of runs.
         seed: of the diagnosis.
         journal: of the runs made.
@@ -62,6 +63,7 @@ class Recalibrator:
 
     problem: CalibrationProblem
     searched: SearchedValues
+    base: np.ndarray
     budget: Budget
     seed: int
     journal: Journal
@@ -84,4 +86,4 @@ class Recalibrator:
         except AllRunsFailedError:
             return None
         one, other = initial.space.values_of(np.stack([found.best, self.searched.found.best]))
-        return np.maximum(self.searched.values + one - other, 0.0)
+        return np.maximum(self.base + one - other, 0.0)

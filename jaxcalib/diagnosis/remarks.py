@@ -3,13 +3,13 @@
 from collections.abc import Mapping
 from typing import Any
 
+from jaxcalib.diagnosis.baseline import FAR_STEPS
 from jaxcalib.diagnosis.findings import Findings
 from jaxcalib.diagnosis.ledger import parameter_shift
 from jaxcalib.diagnosis.verdict import Verdict
 from surrogate.effects.registry import EFFECTS
 
 FEW_DRIVES = 3
-FAR_STEPS = 3.0  # beyond them a linear shift of parameters is no longer to be trusted
 MANY_FLOORS = 4.0  # gaps of null cases on four held-out drives are 1 to 2 floors
 
 

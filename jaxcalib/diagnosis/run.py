@@ -11,14 +11,13 @@ import numpy as np
 
 from jaxcalib.calibration.budget import plan_budget
 from jaxcalib.diagnosis.answer import Diagnosis
-from jaxcalib.diagnosis.atlas import EffectTrial, effect_trials, parameter_trials
+from jaxcalib.diagnosis.atlas import EffectTrial, effect_trials
+from jaxcalib.diagnosis.baseline import BaselineMaker
 from jaxcalib.diagnosis.conclusion import conclude, refuse
 from jaxcalib.diagnosis.contest import Contest, best_gain, without_needless_unknown
-from jaxcalib.diagnosis.conventions import conventions_of, expected_drivers
-from jaxcalib.diagnosis.drive_features import DriveFeatures
 from jaxcalib.diagnosis.drive_table import drive_table
 from jaxcalib.diagnosis.explained_runs import ExplainedRunner
-from jaxcalib.diagnosis.features import DriveTallies, gather_tallies
+from jaxcalib.diagnosis.features import DriveTallies
 from jaxcalib.diagnosis.findings import Findings
 from jaxcalib.diagnosis.investigation import NotTestableError, all_signatures, prepare, shift_in_errors
 from jaxcalib.diagnosis.local_search import windows_of_effects
@@ -30,8 +29,6 @@ from jaxcalib.diagnosis.refit import MOST_SUMO_POINTS, OTHERS_SUMO_POINTS, Refit
 from jaxcalib.diagnosis.remarks import FEW_DRIVES
 from jaxcalib.diagnosis.stages import Stages
 from jaxcalib.diagnosis.sumo_check import Check, check_in_sumo
-from jaxcalib.diagnosis.sumo_runs import SumoRuns
-from jaxcalib.diagnosis.trial_engine import trial_runner
 from jaxcalib.diagnosis.trials import Trial
 from jaxcalib.diagnosis.verdict import LEAST_EVIDENCE, judge
 from jaxcalib.diagnosis.visibility import atlas_of
@@ -125,22 +122,29 @@ def _diagnose(
         searched = search_values(
             seen, Settings(), calibration, seed, engine, JournaledSumo(pool, journal), journal, progress, stopwatch
         )
-    values = searched.values
-    background, subject = expected_drivers(problem, values)
-    features = DriveFeatures(conventions_of(problem), background, subject)
     interval_s = fine_interval_s(problem)
+    is_fit = np.asarray([drive.role == "fit" for drive in problem.drives])
+    with stopwatch.time("baseline"):
+        tables = [drive_table(drive.frames(interval_s), interval_s) for drive in problem.drives]
+        making = BaselineMaker(problem, plan, stages, first_seed, first_seed + TRIAL_SEED, tables, progress)
+        try:
+            baseline, num_baselines = making.converged(searched.values)
+        except NotTestableError as error:
+            num_sumo = len(searched.confirmation.outcomes) + plan.null_runs
+            num_surrogate = searched.surrogate.num_runs + (2 * num_parameters + 1) * plan.slope_runs
+            wall_s = stopwatch.wall_s | {"total": journal.clock() - began}
+            counts = {"surrogate": num_surrogate, "sumo": num_sumo}
+            diagnosis = refuse(problem, searched.values, str(error), counts, wall_s)
+            run_folder.write_text("diagnosis.json", diagnosis.to_json())
+            return diagnosis
+    values, features, in_sumo, runs = baseline.values, baseline.features, baseline.in_sumo, baseline.runs
+    runner, found, field, fitted = baseline.runner, baseline.found, baseline.field, baseline.fitted
     key = repr(values.tolist())
-
-    progress.stage("null")
     with stopwatch.time("null"):
-        in_sumo = SumoRuns(problem, features, values, plan, stages, first_seed, progress.sumo_runs)
-        runs, default = in_sumo.null(), in_sumo.default()
+        default = in_sumo.default()
 
     progress.stage("atlas")
     with stopwatch.time("atlas"):
-        runner = trial_runner(problem, features, first_seed + TRIAL_SEED)
-        slopes = parameter_trials(problem.layout, values, plan.slope_runs)
-        found = stages.tallies(f"slopes {key}", lambda: runner.run(slopes, progress.surrogate_runs))
         everywhere = effect_trials(values, plan.effect_runs, {})
         found |= stages.tallies(
             f"effects {key}", lambda: runner.run([one.trial for one in everywhere], progress.surrogate_runs)
@@ -148,20 +152,6 @@ def _diagnose(
 
     progress.stage("evidence")
     with stopwatch.time("evidence"):
-        frames = [drive_table(drive.frames(interval_s), interval_s) for drive in problem.drives]
-        departs = [drive.depart_s for drive in problem.case.drives]
-        field = gather_tallies([features.of_table(table) for table in frames], departs)
-        is_fit = np.asarray([drive.role == "fit" for drive in problem.drives])
-        try:
-            fitted = prepare(problem, field.take(is_fit), runs, found)
-        except NotTestableError as error:
-            num_sumo = len(searched.confirmation.outcomes) + len(runs.plain) + len(default)
-            num_surrogate = searched.surrogate.num_runs + sum(len(tallies) for tallies in found.values())
-            wall_s = stopwatch.wall_s | {"total": journal.clock() - began}
-            counts = {"surrogate": num_surrogate, "sumo": num_sumo}
-            diagnosis = refuse(problem, values, str(error), counts, wall_s)
-            run_folder.write_text("diagnosis.json", diagnosis.to_json())
-            return diagnosis
         windows, num_places = windows_of_effects(fitted.difference, fitted.null, features.road)
         local = [one for one in effect_trials(values, plan.local_runs, windows) if one.window is not None]
         found |= stages.tallies(
@@ -223,7 +213,7 @@ def _diagnose(
             return found
 
         with stopwatch.time("refit"):
-            recalibrator = Recalibrator(seen, searched, calibration, seed, journal, progress)
+            recalibrator = Recalibrator(seen, searched, values, calibration, seed, journal, progress)
             maker = ExplainedRunner(
                 problem, values, in_sumo, fitted.null, recalibrator.values, run_explained, plan.effect_runs
             )
@@ -236,7 +226,8 @@ def _diagnose(
             verdict = judge(explained, gain, len(fitted.null.cells), shift, few_drives)
 
     num_surrogate = searched.surrogate.num_runs + sum(len(tallies) for tallies in found.values())
-    num_sumo = len(searched.confirmation.outcomes) + len(runs.plain) + len(default)
+    num_surrogate += (num_baselines - 1) * (2 * num_parameters + 1) * plan.slope_runs
+    num_sumo = len(searched.confirmation.outcomes) + num_baselines * len(runs.plain) + len(default)
     num_sumo += sum(one.num_runs for one in checks) + sum(one.num_sumo_runs for one in refits.values())
     stopwatch.add("reading", 0.0)
     findings = Findings(

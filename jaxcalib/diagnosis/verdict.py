@@ -7,7 +7,9 @@ import numpy as np
 
 from jaxcalib.diagnosis.evidence import NEARLY_ALL, NONE, TEMPERATURE, UNKNOWN, Explained, most_misfit
 
-PRIOR_NONE, PRIOR_UNKNOWN = 0.5, 0.1
+# No simulation lacks nothing: that none of 22 effects is there at any strength is not the likeliest thing beforehand.
+# An answer other than none needs the evidence below whatever these say; they decide how sure the ranking is of none.
+PRIOR_NONE, PRIOR_UNKNOWN = 0.2, 0.1
 # Natural logarithm of the evidence ratio that an effect needs against the baseline: "very strong" for Kass & Raftery.
 # It must stay when the drive that favours it most is left out. How often null runs reach it: docs/diagnosis.md.
 LEAST_EVIDENCE = 5.0

@@ -60,7 +60,7 @@ def test_values_move_to_make_up_for_an_effect(tmp_path: Path):
     )  # SUMO's choice lies elsewhere
     searched = SearchedValues(initial, found, confirmed, cast(Evaluator, None))
     journal = Journal(None)
-    recalibrator = Recalibrator(problem, searched, plan_budget(problem, 0.05), 0, journal, Silent())
+    recalibrator = Recalibrator(problem, searched, searched.values, plan_budget(problem, 0.05), 0, journal, Silent())
 
     slower = recalibrator.values({"local_speed_reduction": EffectSetting(0.15)})  # everywhere and always
     assert slower is not None
