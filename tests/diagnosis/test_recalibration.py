@@ -1,28 +1,26 @@
-"""The calibration's search with an effect in, on the corridor."""
+"""The calibration's search with an effect in; search and simulator are made up."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from types import SimpleNamespace
 from typing import cast
 
 import numpy as np
 import pytest
 
-from jaxcalib.calibration.budget import plan_budget
+from jaxcalib.calibration.budget import Budget
 from jaxcalib.calibration.confirmation import Confirmation
-from jaxcalib.calibration.evaluator import Evaluator
+from jaxcalib.calibration.evaluator import AllRunsFailedError, Evaluator
 from jaxcalib.calibration.two_stage import TwoStageResult
+from jaxcalib.diagnosis import recalibration
 from jaxcalib.diagnosis.recalibration import Recalibrator, WithEffects
-from jaxcalib.initial_values.initial_point import find_initial_point
+from jaxcalib.initial_values.initial_point import InitialPoint
 from jaxcalib.journal import Journal
-from jaxcalib.pipeline import SearchedValues
-from jaxcalib.problem import read_problem
+from jaxcalib.pipeline import SEEDS_PER_CALIBRATION, SearchedValues
+from jaxcalib.problem import CalibrationProblem
 from jaxcalib.progress import Silent
 from sim_adapters.interface import ParameterLayout, RunOutcome, RunRequest
 from surrogate.effects.base import EffectSetting
-
-CASE = Path(__file__).parents[2] / "experiments" / "cases" / "corridor"
 
 
 @dataclass
@@ -48,24 +46,45 @@ def test_all_runs_get_the_effects():
     assert all(one.effects == effects for one in listener.asked)
 
 
-@pytest.mark.long
-def test_values_move_to_make_up_for_an_effect(tmp_path: Path):
-    """Where the surrogate makes all drivers slower, the logs ask for drivers who wish to go faster."""
-    problem = read_problem(CASE)
-    initial = find_initial_point(problem, 0.2, {}, 0)
-    start = initial.space.unit_of(initial.values)
-    found = cast(TwoStageResult, SimpleNamespace(best=start))
-    confirmed = cast(
-        Confirmation, SimpleNamespace(best=np.clip(start + 0.01, 0.0, 1.0))
-    )  # SUMO's choice lies elsewhere
-    searched = SearchedValues(initial, found, confirmed, cast(Evaluator, None))
-    journal = Journal(None)
-    recalibrator = Recalibrator(problem, searched, searched.values, plan_budget(problem, 0.05), 0, journal, Silent())
+class Space:
+    """A parameter space whose unit is 10."""
 
-    slower = recalibrator.values({"local_speed_reduction": EffectSetting(0.15)})  # everywhere and always
-    assert slower is not None
-    assert journal.num_runs > 100
-    place = problem.layout.names.index("speedFactor")
-    assert slower[place] > 1.05 * searched.values[place]
-    one = initial.space.unit_of(slower - searched.values + initial.values)
-    assert np.all((one > -0.05) & (one < 1.05))  # what the search found, beside the start
+    def values_of(self, unit: np.ndarray) -> np.ndarray:
+        """Return values."""
+        return 10.0 * unit
+
+
+def test_the_search_is_made_with_the_effects_and_its_difference_counts(monkeypatch: pytest.MonkeyPatch):
+    """Where the search with the effects ends less where it ended without them is added to what is gone on from."""
+    listener, journal = Listener([]), Journal(None)
+    effects = {"local_speed_reduction": EffectSetting(0.15)}
+    monkeypatch.setattr(recalibration, "surrogate_engine", lambda problem, room: listener)
+    monkeypatch.setattr(Listener, "with_effects", lambda self: self, raising=False)
+    monkeypatch.setattr(recalibration, "JournaledSurrogate", lambda engine, journal: engine)
+    seeds = []
+
+    def search(problem, initial, evaluator, settings, budget, seed, progress, clock):
+        requests = evaluator.requests(np.asarray([1.0, 2.0]), 3)
+        evaluator._simulator.run(requests)
+        seeds.extend(request.seed for request in requests)
+        return SimpleNamespace(best=np.asarray([0.7, 0.2]))
+
+    monkeypatch.setattr(recalibration, "search_two_stages", search)
+    problem = cast(CalibrationProblem, SimpleNamespace(departs_s=lambda role: (300.0,)))
+    found = cast(TwoStageResult, SimpleNamespace(best=np.asarray([0.4, 0.5])))
+    initial = cast(InitialPoint, SimpleNamespace(space=Space()))
+    searched = SearchedValues(initial, found, cast(Confirmation, None), cast(Evaluator, None))
+    budget = cast(Budget, None)
+    recalibrator = Recalibrator(problem, searched, np.asarray([21.0, 2.0]), budget, 2, journal, Silent())
+
+    values = recalibrator.values(effects)
+    assert values is not None
+    np.testing.assert_allclose(values, [24.0, 0.0])  # no value below 0
+    assert [request.effects for request in listener.asked] == 3 * [effects]
+    assert seeds == [2 * SEEDS_PER_CALIBRATION + k for k in range(3)]  # those of the search without effects
+
+    def fail(*arguments):
+        raise AllRunsFailedError("all runs failed", "")
+
+    monkeypatch.setattr(recalibration, "search_two_stages", fail)
+    assert recalibrator.values(effects) is None
