@@ -99,15 +99,15 @@ class BaselineMaker:
         Raises:
             NotTestableError: the drives show too little.
         """
-        best = latest = self.at(values, None)
+        best = self.at(values, None)
         for number in range(1, MOST_ROUNDS):
-            shift = latest.shift
+            shift = best.shift
             if np.max(np.abs(shift)) <= FAR_STEPS:
                 return best, number
             steps = np.clip(shift, -LONGEST_STEPS, LONGEST_STEPS)
-            sizes = parameter_steps(self.problem.layout, latest.values)
+            sizes = parameter_steps(self.problem.layout, best.values)
             try:
-                latest = self.at(moved_values(latest.values, sizes, steps), latest.runner)
+                latest = self.at(moved_values(best.values, sizes, steps), best.runner)
             except NotTestableError:
                 return best, number + 1
             if latest.misfit >= best.misfit:

@@ -13,6 +13,7 @@ import numpy as np
 from jaxcalib.calibration.budget import Budget
 from jaxcalib.calibration.evaluator import AllRunsFailedError, Evaluator
 from jaxcalib.calibration.two_stage import search_two_stages
+from jaxcalib.diagnosis.trial_engine import SPARE_CAPACITY
 from jaxcalib.engines import surrogate_engine
 from jaxcalib.journal import Journal, JournaledSurrogate
 from jaxcalib.pipeline import SEARCH_SEED, SEEDS_PER_CALIBRATION, SearchedValues
@@ -21,8 +22,6 @@ from jaxcalib.progress import Progress
 from jaxcalib.settings import Settings
 from sim_adapters.interface import ParameterLayout, RunOutcome, RunRequest, Simulator
 from surrogate.effects.base import EffectSetting
-
-SPARE_CAPACITY = 1.8  # effects can make traffic denser
 
 
 @dataclass(frozen=True)
