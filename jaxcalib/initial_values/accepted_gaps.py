@@ -1,8 +1,7 @@
 """Gaps that drivers accepted when they changed lane, against the gap that their model calls secure.
 
 SUMO's LC2013 lets a vehicle change as soon as both gaps in the target lane exceed the secure gap divided by
-`lcAssertive`. So accepted gaps, as shares of the secure gap, end where 1 / lcAssertive lies, but for the few changes in
-which a neighbour moved at the same moment.
+`lcAssertive`. So accepted gaps, as shares of the secure gap, begin where 1 / lcAssertive lies (`acceptance_edge.py`).
 """
 
 from collections.abc import Sequence
@@ -12,12 +11,15 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxcalib.field_log import DriveLog
+from jaxcalib.initial_values.acceptance_edge import acceptance_edge
 from jaxcalib.initial_values.dense_tracks import NOBODY, DenseTracks, dense_tracks
 from surrogate.car_following.base import CarFollowingModel
 
 FEWEST_CHANGES = 20
-MOVED_AT_THE_SAME_TIME = 0.08  # share of changes whose gap says nothing, because a neighbour moved as well
-LOGARITHMIC_ERROR = 0.05  # in practice cases without any effect, estimates were 1 to 4 % too high
+LEAST_LOGARITHMIC_ERROR = 0.05  # in fields simulated in SUMO from known values, estimates were 1 to 9 % too high
+UNKNOWN_MOMENT_S = 0.2  # the gap that was judged is one of a moment before the vehicle is seen in its new lane
+POSITION_ERROR_M = 0.2
+LARGEST_ERROR = 0.3  # of a share, beyond which a gap is too small for what is known of it
 
 
 @dataclass(frozen=True)
@@ -45,8 +47,21 @@ def accepted_gaps(drives: Sequence[DriveLog], nominal_length_m: float, step_s: f
     return AcceptedGaps(*np.asarray(found, float).reshape(len(found), 5).T)
 
 
-def assertiveness(gaps: AcceptedGaps, model: CarFollowingModel, step_s: float) -> float:
-    """Return the lcAssertive that the gaps show; nan if there are too few.
+@dataclass(frozen=True)
+class Assertiveness:
+    """What accepted gaps say of lcAssertive.
+
+    Attributes:
+        value: of lcAssertive; nan where there are too few gaps.
+        logarithmic_error: standard error of its logarithm; inf where there are too few gaps.
+    """
+
+    value: float
+    logarithmic_error: float
+
+
+def assertiveness(gaps: AcceptedGaps, model: CarFollowingModel, step_s: float) -> Assertiveness:
+    """Return the lcAssertive that the gaps show, from the tighter of both gaps of each change.
 
     Args:
         gaps: accepted gaps.
@@ -58,16 +73,23 @@ def assertiveness(gaps: AcceptedGaps, model: CarFollowingModel, step_s: float) -
         speeds = (jnp.asarray(follower_mps, jnp.float32), jnp.asarray(leader_mps, jnp.float32))
         return np.asarray(model.secure_gap_m(*speeds, model.max_deceleration_mps2, step_s), float)
 
-    jam_m = float(model.jam_gap_m)
+    demanded_m = np.stack(
+        [demanded(gaps.speed_mps, gaps.leader_speed_mps), demanded(gaps.follower_speed_mps, gaps.speed_mps)]
+    )
+    gap_m = np.stack([gaps.leader_gap_m, gaps.follower_gap_m])
+    moved_m = UNKNOWN_MOMENT_S * (np.stack([gaps.leader_speed_mps, gaps.follower_speed_mps]) - gaps.speed_mps)
     with np.errstate(divide="ignore", invalid="ignore"):
-        ahead = (gaps.leader_gap_m - jam_m) / demanded(gaps.speed_mps, gaps.leader_speed_mps)
-        behind = (gaps.follower_gap_m - jam_m) / demanded(gaps.follower_speed_mps, gaps.speed_mps)
-    share = np.fmin(ahead, behind)
-    share = share[np.isfinite(share)]
-    if len(share) < FEWEST_CHANGES:
-        return float("nan")
-    least = float(np.quantile(share, MOVED_AT_THE_SAME_TIME))
-    return 1.0 / least if least > 0 else float("nan")
+        share = (gap_m - float(model.jam_gap_m)) / demanded_m
+        error = np.hypot(moved_m, POSITION_ERROR_M) / demanded_m
+    share = np.where(np.isfinite(share), share, np.inf)
+    tighter = np.argmin(share, axis=0)
+    change = np.arange(len(tighter))
+    share, error = share[tighter, change], error[tighter, change]
+    counts = np.isfinite(share) & (error < LARGEST_ERROR)
+    if counts.sum() < FEWEST_CHANGES:
+        return Assertiveness(float("nan"), float("inf"))
+    edge = acceptance_edge(share[counts], error[counts])
+    return Assertiveness(1.0 / edge.share, float(np.hypot(edge.logarithmic_error, LEAST_LOGARITHMIC_ERROR)))
 
 
 def _gaps_of(tracks: DenseTracks, length_m: float) -> list[tuple[float, ...]]:

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Array
 
 from jaxcalib.field_log import DriveLog
-from jaxcalib.initial_values.accepted_gaps import LOGARITHMIC_ERROR, accepted_gaps, assertiveness
+from jaxcalib.initial_values.accepted_gaps import accepted_gaps, assertiveness
 from jaxcalib.initial_values.following_fit import FollowingFit, fit_following, loss_of_pairs
 from jaxcalib.initial_values.following_samples import FollowingSamples, following_samples
 from jaxcalib.parameter_space import ParameterSpace
@@ -130,7 +130,8 @@ def estimate_drivers(
             fitted_model = with_attribute(fitted_model, model, name, float(values[index]))
         assertive = assertiveness(accepted_gaps(drives, nominal_length_m, step_s), fitted_model.car_following, step_s)
         one = space.ranges[num_inputs + attributes.index("lcAssertive")]
-        note("lcAssertive", assertive, LOGARITHMIC_ERROR / np.log(one.upper / one.lower), "accepted gaps")
+        error = assertive.logarithmic_error / np.log(one.upper / one.lower)
+        note("lcAssertive", assertive.value, float(error), "accepted gaps")
     return DriverEstimate(values, unit_error, tuple(source), following, num_samples, tuple(fitted), replay_loss)
 
 

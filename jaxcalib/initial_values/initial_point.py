@@ -12,6 +12,7 @@ from jaxcalib.problem import CalibrationProblem
 from sim_adapters.units import SECONDS_PER_HOUR
 
 LEAST_VOLUME_ERROR = 0.03  # relative, of a section's volume: vehicles between two sections are counted in neither
+LEAST_INFLOW_ERROR = 0.05  # relative: what all sections share, such as a bottleneck that holds back what wants to come
 
 
 @dataclass(frozen=True)
@@ -65,7 +66,8 @@ def find_initial_point(
         seed,
     )
     values = np.clip(np.concatenate([demand.values_vehph, drivers.values]), space.lower, space.upper)
-    unit_error = np.concatenate([demand.error_vehph / (space.upper - space.lower)[:num_inputs], drivers.unit_error])
+    inflow_error = np.hypot(demand.error_vehph, LEAST_INFLOW_ERROR * demand.values_vehph)
+    unit_error = np.concatenate([inflow_error / (space.upper - space.lower)[:num_inputs], drivers.unit_error])
     return InitialPoint(
         space=space,
         scenario_values=scenario_values,
