@@ -113,7 +113,10 @@ def confirm(
         seen = run.rejudge(in_surrogate.pooled, values, num_surrogate)
         plain = replace(objective, discrepancy=None)
         residuals = plain.residuals(seen.unit, in_sumo.pooled, num_sumo)
-        finalists.append(Finalist(unit, float(plain.accuracy(residuals)[0]), float(seen.accuracy[0]), origin))
+        accuracy = float(plain.accuracy(residuals)[0])
+        if not np.isfinite(accuracy):
+            break  # SUMO never showed one of the moments: nothing can be said of these values, as of a failed run
+        finalists.append(Finalist(unit, accuracy, float(seen.accuracy[0]), origin))
         progress.best(max(one.accuracy for one in finalists))
         confirmed.append(Confirmed(unit, in_surrogate.pooled[0], num_surrogate, in_sumo.pooled[0], num_sumo))
         discrepancy = learn_discrepancy(objective.moments, objective.covariance, objective.num_drives, confirmed)

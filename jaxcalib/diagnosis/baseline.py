@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from jaxcalib.calibration.evaluator import AllRunsFailedError
 from jaxcalib.diagnosis.atlas import parameter_steps, parameter_trials
 from jaxcalib.diagnosis.conventions import conventions_of, expected_drivers
 from jaxcalib.diagnosis.drive_features import DriveFeatures
@@ -108,8 +109,8 @@ class BaselineMaker:
             sizes = parameter_steps(self.problem.layout, best.values)
             try:
                 latest = self.at(moved_values(best.values, sizes, steps), best.runner)
-            except NotTestableError:
-                return best, number + 1
+            except (NotTestableError, AllRunsFailedError):
+                return best, number + 1  # too little is seen there, or the subject vehicle finds no way in
             if latest.misfit >= best.misfit:
                 return best, number + 1
             best = latest

@@ -1,7 +1,8 @@
 """Puts verdict, ranking, ledger and shrinkage together."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from dataclasses import replace
+from typing import Any, overload
 
 import numpy as np
 
@@ -34,8 +35,9 @@ def conclude(findings: Findings) -> Diagnosis:
     second = None
     if best is not None:
         second = second_effect(fitted.difference, fitted.null, best, findings.signatures, findings.num_places)
-    visible = {name: one.visible_from for name, one in findings.atlas.items()}
-    visible_with_more = {name: one.visible_with_more for name, one in findings.atlas.items()}
+    nowhere: dict[str, float | None] = dict.fromkeys(effect.name for effect in EFFECTS)
+    visible = nowhere | {name: reported(name, one.visible_from) for name, one in findings.atlas.items()}
+    visible_with_more = nowhere | {name: reported(name, one.visible_with_more) for name, one in findings.atlas.items()}
     ledger = findings.ledger()
     how_far = _how_far(findings, verdict)
     return Diagnosis(
@@ -45,8 +47,10 @@ def conclude(findings: Findings) -> Diagnosis:
         ranking=_ranking(findings, verdict),
         where=_where(ledger, float(np.asarray(problem.road.section_border_m)[-1])),
         how_far=how_far,
-        checked_in_sumo=tuple(findings.checks),
-        second_effect=None if second is None else Second(second.name, second.log_evidence, second.strength),
+        checked_in_sumo=tuple(replace(one, strength=reported(one.effect, one.strength)) for one in findings.checks),
+        second_effect=None
+        if second is None
+        else Second(second.name, second.log_evidence, reported(second.name, second.strength)),
         next_steps=next_steps(
             verdict,
             second,
@@ -123,14 +127,14 @@ def _ranking(findings: Findings, verdict: Verdict) -> list[Ranked]:
         if one.name in (NONE, UNKNOWN):
             ranking.append(Ranked(one.name, probability[one.name], log_evidence=gain))
             continue
-        offset = effect_named(one.name).reported_at_zero
+        low, high = (reported(one.name, bound) for bound in one.interval)
         atlas = findings.atlas.get(one.name)
         ranking.append(
             Ranked(
                 effect=one.name,
                 probability=probability[one.name],
-                strength=one.strength + offset,
-                strength_ci90=(one.interval[0] + offset, one.interval[1] + offset),
+                strength=reported(one.name, one.strength),
+                strength_ci90=(low, high),
                 absorption=atlas.absorption if atlas else None,
                 held_out_gain=gain_of(one, findings.held_out, findings.fitted) if findings.held_out else None,
                 log_evidence=gain,
@@ -142,6 +146,17 @@ def _ranking(findings: Findings, verdict: Verdict) -> list[Ranked]:
     untested = [effect.name for effect in EFFECTS if effect.name not in {one.effect for one in ranking}]
     ranking += [Ranked(name, 0.0) for name in untested]
     return sorted(ranking, key=lambda one: -one.probability)
+
+
+@overload
+def reported(name: str, strength: float) -> float: ...
+@overload
+def reported(name: str, strength: None) -> None: ...
+@overload
+def reported(name: str, strength: float | None) -> float | None: ...
+def reported(name: str, strength: float | None) -> float | None:
+    """Return a strength in the effect's unit as people count it: a factor from 1."""
+    return None if strength is None else strength + effect_named(name).reported_at_zero
 
 
 def _named_with_place(cell: Cell) -> str:
@@ -194,12 +209,15 @@ def _how_far(findings: Findings, verdict: Verdict) -> dict[str, Any]:
         with_effect = findings.refit.expected(null, fitted.null)
     elif best is not None and best.shift is not None:
         with_effect = recalibrated(best.shift)
+    as_it_is = None
+    if findings.default is not None:
+        as_it_is = null.standardised(on_cells(findings.default, null.cells).values())
     found = measure_shrinkage(
         held_out.tallies,
         null,
         findings.null_runs,
         {
-            "default": null.standardised(on_cells(findings.default, null.cells).values()),
+            "default": as_it_is,
             "recalibrated": recalibrated(np.zeros_like(fitted.difference)),
             "with_effect": with_effect,
             "ceiling": recalibrated(flexible),

@@ -8,7 +8,7 @@ import numpy as np
 from jaxcalib.diagnosis.cross_validation import cross_validated_gains
 from jaxcalib.diagnosis.evidence import NEARLY_ALL, NONE, UNKNOWN, Explained, Signature, most_misfit
 from jaxcalib.diagnosis.features import DriveTallies
-from jaxcalib.diagnosis.investigation import Prepared, explanations, moved, prepare
+from jaxcalib.diagnosis.investigation import NotTestableError, Prepared, explanations, moved, prepare
 from jaxcalib.diagnosis.null_runs import NullRuns
 from jaxcalib.problem import CalibrationProblem
 
@@ -52,11 +52,14 @@ class Contest:
         everyone = np.arange(len(self.fitted.tallies))
         found = []
         for place in everyone:
-            some = self._prepared(self.fitted.tallies.take(np.setdiff1d(everyone, [place])))
+            try:
+                some = self._prepared(self.fitted.tallies.take(np.setdiff1d(everyone, [place])))
+            except NotTestableError:
+                continue  # the others alone show too little
             there = {name: [moved(one, self.fitted, some) for one in several] for name, several in signatures.items()}
             explained = explanations(self.problem, self.values, some, there, self.num_places)
             found.append(best_gain(without_needless_unknown(confirmed(explained, gains), len(some.null.cells))))
-        return min(found)
+        return min(found, default=0.0)
 
     def _gains(self, signatures: Signatures) -> dict[str, float]:
         """Return the cross-validated gain of each effect; signatures that were judged before are not judged again."""

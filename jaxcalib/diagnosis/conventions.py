@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxcalib.problem import CalibrationProblem
+from sim_adapters.units import kmh_from_mps, mps_from_kmh
 from surrogate.car_following.base import CarFollowingModel, FollowingSituation
 from surrogate.vehicle_class import VehicleClass
 
@@ -15,6 +16,9 @@ STRETCH_M = 200.0
 PERIOD_S = 60.0
 PADDING = 8192  # rows are filled up to multiples of it, so that few array shapes are compiled
 FREE_GAP_M = 1e6
+ROUNDING_STEPS = (1.0, 0.5, 0.1, 0.05, 0.01, 0.001)  # of distances in m and speeds in km/h
+ROUNDING_TOLERANCE = 0.02  # of a step
+NEARLY_ALL_ROUNDED = 0.9  # rows that came late are moved to the subject vehicle's instants
 
 
 @dataclass(frozen=True)
@@ -77,9 +81,20 @@ def conventions_of(problem: CalibrationProblem) -> Conventions:
         segment_end_m=np.asarray(road.segment_end_m, float),
         limit_mps=np.asarray(road.speed_limit_mps, float),
         merge_m=np.asarray([(network.edge_start_m(e), network.edge_end_m(e)) for e in wide]).reshape(-1, 2),
-        place_step_m=0.01,
-        speed_step_mps=0.01 / 3.6,
+        place_step_m=rounding_step(np.concatenate([drive.objects.offset_m for drive in problem.drives])),
+        speed_step_mps=mps_from_kmh(
+            rounding_step(kmh_from_mps(1.0) * np.concatenate([drive.objects.speed_mps for drive in problem.drives]))
+        ),
     )
+
+
+def rounding_step(values: np.ndarray) -> float:
+    """Return what values are rounded to: the coarsest step that nearly all of them are multiples of."""
+    for step in ROUNDING_STEPS:
+        off = np.abs(values - np.round(values / step) * step)
+        if len(values) and np.mean(off < ROUNDING_TOLERANCE * step) > NEARLY_ALL_ROUNDED:
+            return step
+    return ROUNDING_STEPS[-1]
 
 
 @dataclass(frozen=True)

@@ -60,9 +60,30 @@ class Signature:
     sign: float = 1.0
     is_fixed: bool = False
 
+    @property
+    def exponent(self) -> float:
+        """Power of the strength with which the signature grows from 0 to the weakest known one.
+
+        It is that between the two weakest known ones, from 1 to 2: what makes drivers differ, or accelerations noisy,
+        shows as a variance, and half of it shows by a quarter.
+        """
+        if len(self.strengths) < 3:
+            return 1.0
+        size = np.sqrt(np.maximum(np.sum(self.shift[1:3] ** 2 - self.error[1:3] ** 2, axis=1), 0.0))
+        if not np.all(size > 0.0):
+            return 1.0
+        return float(np.clip(np.log(size[1] / size[0]) / np.log(self.strengths[2] / self.strengths[1]), 1.0, 2.0))
+
     def at(self, strength: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return shift and error at a strength, linear between the known ones and beyond the last."""
+        """Return shift and error at a strength.
+
+        From 0 to the weakest known one they grow with a power of the strength; then they are linear, beyond the last
+        known one, too.
+        """
         s = self.strengths
+        if 0.0 < strength < s[1]:
+            share = (strength / s[1]) ** self.exponent
+            return share * self.shift[1], share * self.error[1]
         upper = int(np.clip(np.searchsorted(s, strength), 1, len(s) - 1))
         weight = (strength - s[upper - 1]) / (s[upper] - s[upper - 1])
         shift = (1 - weight) * self.shift[upper - 1] + weight * self.shift[upper]

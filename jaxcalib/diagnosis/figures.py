@@ -106,16 +106,17 @@ def waterfall_figure(diagnosis: Diagnosis) -> str:
     if far.get("gap_recalibrated") is None:
         return ""
     steps = [
-        ("scenario as it is", far["gap_default"]),
-        ("recalibrated", far["gap_recalibrated"]),
-        ("with the effect" if diagnosis.effects else "no effect added", far["gap_with_effect"]),
+        ("scenario as it is", far["gap_default"], BEFORE),
+        ("recalibrated", far["gap_recalibrated"], "#e08a1e"),
+        ("with the effect" if diagnosis.effects else "no effect added", far["gap_with_effect"], AFTER),
     ]
+    steps = [one for one in steps if one[1] is not None]  # the scenario as it is may keep the subject vehicle out
     place = np.arange(len(steps))[::-1]
 
     def draw(axes: Axes) -> None:
-        values = [value for _, value in steps]
+        values = [value for _, value, _ in steps]
         axes.axvspan(0.0, far["noise_floor"], color=NOISE, alpha=0.8, lw=0, label="chance alone")
-        axes.barh(place, values, 0.6, color=[BEFORE, "#e08a1e", AFTER])
+        axes.barh(place, values, 0.6, color=[color for _, _, color in steps])
         for y, value in zip(place, values, strict=True):
             axes.text(value, y, f" {value:.2f}", va="center", fontsize=8)
         if far.get("fraction_closed_ci90"):
@@ -123,7 +124,7 @@ def waterfall_figure(diagnosis: Diagnosis) -> str:
             above = far["gap_recalibrated"] - far["noise_floor"]
             ends = [far["gap_recalibrated"] - above * share for share in (high, low)]
             axes.plot(ends, [place[-1], place[-1]], color="#222222", lw=1.2)
-        axes.set_yticks(place, [name for name, _ in steps])
+        axes.set_yticks(place, [name for name, _, _ in steps])
         axes.set_xlabel("gap on held-out drives: mean squared difference [noise of the drives]")
         axes.margins(x=0.12)
         axes.legend(frameon=False, fontsize=8)

@@ -29,7 +29,7 @@ class Findings:
         held_out: the same of held-out drives; None where there are none.
         num_places: how many places were looked at for each local effect.
         null_runs: tallies of SUMO runs with the calibrated values.
-        default: tallies of SUMO runs of the scenario as it is.
+        default: tallies of SUMO runs of the scenario as it is; None where they failed.
         explained: explanations, best first.
         verdict: the answer.
         refit: the effect that is named first, fitted once more around runs that contain it; None where there is none.
@@ -48,7 +48,7 @@ class Findings:
     held_out: Prepared | None
     num_places: Mapping[str, int]
     null_runs: DriveTallies
-    default: DriveTallies
+    default: DriveTallies | None
     explained: Sequence[Explained]
     verdict: Verdict
     refit: Refit | None

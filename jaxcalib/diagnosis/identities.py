@@ -91,11 +91,10 @@ def _range(table: DriveTable, road: Conventions, book: TallyBook, objects: np.nd
     inside = rear > EDGE_M
     for begin_m, end_m in road.merge_m:  # vehicles come from ramps and leave by them
         inside &= (table.position_m < begin_m - EDGE_M) | (table.position_m > end_m + EDGE_M)
-    count = objects & inside
-    book.quotient(Cell(CHANNEL, "lost_inside_range_phs"), 100.0 * (last & inside).sum(), table.interval_s * count.sum())
-    book.quotient(
-        Cell(CHANNEL, "found_inside_range_phs"), 100.0 * (first & inside).sum(), table.interval_s * count.sum()
-    )
+    inside &= table.position_m < road.stretch_m[-1] - EDGE_M  # at the route's end they arrive
+    hundreds_of_s = table.interval_s * (objects & inside).sum() / 100.0
+    book.quotient(Cell(CHANNEL, "lost_inside_range_phs"), (last & inside).sum(), hundreds_of_s)
+    book.quotient(Cell(CHANNEL, "found_inside_range_phs"), (first & inside).sum(), hundreds_of_s)
 
 
 def _lateral(table: DriveTable, book: TallyBook) -> None:

@@ -31,7 +31,7 @@ OPEN = (
     (r"acceleration_step_square", 0.8),
     (r"rhythm_of_acting", 0.06),
     (r"time_off_centre", 0.3),
-    (r"inside_range", 0.3),
+    (r"(lost|found)_inside_range", 0.3),
     (r"share_within_", 0.01),
     (r"acceleration_less_speed_change", 0.02),
     (r"standing_without_leader", 0.001),

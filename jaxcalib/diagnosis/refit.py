@@ -221,8 +221,11 @@ def refit(
     sharpness = precision(found.nearest.noise, found.slopes)
     deviation = QUANTILE_90 * unit[-1] * np.sqrt(np.linalg.inv(sharpness)[-1, -1])
     interval = (max(strength - deviation, 0.0), max(min(strength + deviation, most), strength))
-    if signature.is_fixed:
-        interval = tuple(sorted(signature.sign * one for one in best.interval))
+    if signature.is_fixed:  # known at some strengths only: halfway to the next one on either side, at least
+        tried = np.unique([one.strengths[-1] for one in signatures])
+        half = 0.5 * np.diff(tried).min() if len(tried) > 1 else TANGENT_SHARE * strength
+        least, greatest = sorted(signature.sign * one for one in best.interval)
+        interval = (max(min(least, strength - half), 0.0), max(greatest, strength + half))
     return Refit(
         effect=best.name,
         sign=signature.sign,

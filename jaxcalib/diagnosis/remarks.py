@@ -7,6 +7,7 @@ from jaxcalib.diagnosis.baseline import FAR_STEPS
 from jaxcalib.diagnosis.findings import Findings
 from jaxcalib.diagnosis.ledger import parameter_shift
 from jaxcalib.diagnosis.verdict import Verdict
+from jaxcalib.problem import CalibrationProblem
 from surrogate.effects.registry import EFFECTS
 
 FEW_DRIVES = 3
@@ -41,6 +42,13 @@ def unexplained(verdict: Verdict, how_far: Mapping[str, Any]) -> list[str]:
     ]
 
 
+def aliased_effects(problem: CalibrationProblem) -> tuple[str, ...]:
+    """Return the effects that cannot be told apart because place and time go together: all drives depart at once."""
+    if len({drive.depart_s for drive in problem.case.drives}) > 1:
+        return ()
+    return tuple(effect.name for effect in EFFECTS if effect.has_place or effect.has_time)
+
+
 def warnings_of(findings: Findings) -> list[str]:
     """Return what a user should know of drives and calibration."""
     warnings = list(findings.problem.warnings())
@@ -59,10 +67,11 @@ def warnings_of(findings: Findings) -> list[str]:
         )
     if findings.held_out is None:
         warnings.append("case.toml: no drive is held out; how far the gap shrinks is not told.")
-    departs = {drive.depart_s for drive in findings.problem.case.drives}
-    if len(departs) == 1:
+    aliased = aliased_effects(findings.problem)
+    if aliased:
+        words = ", ".join(name.replace("_", " ") for name in aliased)
         warnings.append(
-            "case.toml: all drives depart at the same time, so place and time go together: grade, local speed "
-            "reduction and rubbernecking cannot be separated."
+            "case.toml: all drives depart at the same time, so place and time go together: none of these is named "
+            f"alone: {words}."
         )
     return warnings

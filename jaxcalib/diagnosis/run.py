@@ -26,7 +26,7 @@ from jaxcalib.diagnosis.place_search import refine_places
 from jaxcalib.diagnosis.plan import plan_diagnosis
 from jaxcalib.diagnosis.recalibration import Recalibrator
 from jaxcalib.diagnosis.refit import MOST_SUMO_POINTS, OTHERS_SUMO_POINTS, Refit, contenders, refit, with_refits
-from jaxcalib.diagnosis.remarks import FEW_DRIVES
+from jaxcalib.diagnosis.remarks import FEW_DRIVES, aliased_effects
 from jaxcalib.diagnosis.stages import Stages
 from jaxcalib.diagnosis.sumo_check import Check, check_in_sumo
 from jaxcalib.diagnosis.trials import Trial
@@ -200,7 +200,8 @@ def _diagnose(
             with contextlib.suppress(NotTestableError):
                 held_out = prepare(problem, field.take(~is_fit), runs, found)
         shift, few_drives = shift_in_errors(problem, values, fitted), int(is_fit.sum()) < FEW_DRIVES
-        verdict = judge(explained, gain, len(fitted.null.cells), shift, few_drives)
+        aliased = aliased_effects(problem)
+        verdict = judge(explained, gain, len(fitted.null.cells), shift, few_drives, aliased)
 
     refits: dict[str, Refit] = {}
     if verdict.kind not in ("no_gap", "miscalibrated"):
@@ -223,11 +224,12 @@ def _diagnose(
                 if refitted is not None:
                     refits[one.name] = refitted
             explained = without_needless_unknown(with_refits(explained, refits), len(fitted.null.cells))
-            verdict = judge(explained, gain, len(fitted.null.cells), shift, few_drives)
+            verdict = judge(explained, gain, len(fitted.null.cells), shift, few_drives, aliased)
 
     num_surrogate = searched.surrogate.num_runs + sum(len(tallies) for tallies in found.values())
     num_surrogate += (num_baselines - 1) * (2 * num_parameters + 1) * plan.slope_runs
-    num_sumo = len(searched.confirmation.outcomes) + num_baselines * len(runs.plain) + len(default)
+    num_sumo = len(searched.confirmation.outcomes) + num_baselines * len(runs.plain)
+    num_sumo += 0 if default is None else len(default)
     num_sumo += sum(one.num_runs for one in checks) + sum(one.num_sumo_runs for one in refits.values())
     stopwatch.add("reading", 0.0)
     findings = Findings(

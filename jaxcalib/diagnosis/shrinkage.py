@@ -33,7 +33,7 @@ class Shrinkage:
     """Gaps on held-out drives.
 
     Attributes:
-        default: of the scenario as it is.
+        default: of the scenario as it is; None where its runs failed.
         recalibrated: of the calibrated simulation.
         with_effect: of that with the effect.
         ceiling: with all effects of the library at once, each as strong as the drives to fit ask for.
@@ -43,7 +43,7 @@ class Shrinkage:
         interval_90: its interval; None where there is no gap.
     """
 
-    default: float
+    default: float | None
     recalibrated: float
     with_effect: float
     ceiling: float
@@ -146,9 +146,10 @@ def measure_shrinkage(
         held_out: tallies of the drives.
         null: the null model for as many drives.
         simulated: tallies of the null runs, for the floor.
-        expected: by how much features differ from the null's, in units of noise, in the scenario as it is ("default"),
-            with the parameters that the drives to fit ask for ("recalibrated"), with the effect ("with_effect"; None
-            where none was found), and with all effects at once ("ceiling").
+        expected: by how much features differ from the null's, in units of noise, in the scenario as it is
+            ("default"; None where its runs failed), with the parameters that the drives to fit ask for
+            ("recalibrated"), with the effect ("with_effect"; None where none was found), and with all effects at once
+            ("ceiling").
         random: for the floor.
         explained_runs: runs with the effect, for the chance that it brings; None where there are none.
         fit_drives: tallies of the drives to fit, for the floor; None to take it from the runs.
@@ -178,7 +179,7 @@ def measure_shrinkage(
         closed = recalibrated - with_effect - 2.0 * (noise * closed_by).mean(axis=1)
         excess = with_effect - chance - 2.0 * (noise * remaining).mean(axis=1)
         interval = _interval(closed, excess, recalibrated - floor, fraction)
-    return Shrinkage(gaps["default"], recalibrated, with_effect, ceiling, floor, fraction, interval)
+    return Shrinkage(gaps.get("default"), recalibrated, with_effect, ceiling, floor, fraction, interval)
 
 
 def _interval(closed: np.ndarray, excess: np.ndarray, gap_above_floor: float, fraction: float) -> tuple[float, float]:

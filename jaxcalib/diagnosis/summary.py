@@ -5,6 +5,7 @@ from pathlib import Path
 from jaxcalib.diagnosis.answer import Diagnosis
 
 SHOWN = 6
+REPORT = "diagnosis.html"
 
 
 def summary(diagnosis: Diagnosis, out: Path) -> str:
@@ -17,9 +18,11 @@ def summary(diagnosis: Diagnosis, out: Path) -> str:
         lines.append(f"{one.effect:26s}{one.probability:12.2f}{strength}")
     far = diagnosis.how_far
     if far.get("gap_recalibrated") is not None:
+        before = "its runs failed" if far["gap_default"] is None else f"{far['gap_default']:.2f}"
         lines += ["", "gap on held-out drives, in noise: "
-                  f"scenario as it is {far['gap_default']:.2f}, recalibrated {far['gap_recalibrated']:.2f}, "
+                  f"scenario as it is {before}, recalibrated {far['gap_recalibrated']:.2f}, "
                   f"with the effect {far['gap_with_effect']:.2f}, chance alone {far['noise_floor']:.2f}"]  # fmt: skip
-    return "\n".join(
-        [*lines, *(f"warning: {line}" for line in diagnosis.warnings), "", f"report: {out / 'diagnosis.html'}"]
-    )
+    lines += [f"warning: {line}" for line in diagnosis.warnings]
+    if (out / REPORT).is_file():
+        lines += ["", f"report: {out / REPORT}"]
+    return "\n".join(lines)

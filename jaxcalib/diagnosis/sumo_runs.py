@@ -58,10 +58,13 @@ class SumoRuns:
         altered = {(name, strength): kept[f"{name} {strength!r}"] for name, strength in alterations}
         return NullRuns(kept[""], altered)
 
-    def default(self) -> DriveTallies:
-        """Return runs of the scenario as it is."""
+    def default(self) -> DriveTallies | None:
+        """Return runs of the scenario as it is; None where they fail, for it may fill the entrance."""
         base = self.problem.template.base_values()
-        return self._plain("default", base, self.plan.default_runs, DEFAULT_SEED)
+        try:
+            return self._plain("default", base, self.plan.default_runs, DEFAULT_SEED)
+        except AllRunsFailedError:
+            return None
 
     def with_effect(self, name: str, setting: EffectSetting) -> DriveTallies | None:
         """Return runs with the calibrated values and an effect, by SUMO's own means; None where they fail.

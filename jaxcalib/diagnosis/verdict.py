@@ -1,6 +1,6 @@
 """From evidence to an answer: an effect, a set that cannot be told apart, something unknown, or nothing."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -71,7 +71,12 @@ def probabilities(explained: Sequence[Explained], least_gain: float) -> dict[str
 
 
 def judge(
-    explained: Sequence[Explained], least_gain: float, num_features: int, shift_errors: float, few_drives: bool
+    explained: Sequence[Explained],
+    least_gain: float,
+    num_features: int,
+    shift_errors: float,
+    few_drives: bool,
+    aliased: Collection[str] = (),
 ) -> Verdict:
     """Return the verdict.
 
@@ -80,7 +85,8 @@ def judge(
         least_gain: gain of the best of them over the baseline that no single drive makes.
         num_features: behind the misfits.
         shift_errors: by how many of its errors the calibration moved the parameters away from the scenario's.
-        few_drives: whether there are too few drives to name one effect.
+        few_drives: whether there are too few drives to name one effect: the next likely one is named with it.
+        aliased: effects that these drives cannot tell apart; one of them is not named without another.
     """
     probability = probabilities(explained, least_gain)
     by_name = {one.name: one for one in explained}
@@ -109,7 +115,10 @@ def judge(
         total += probability[one.name] / among
         if total >= (IN_SET if len(chosen) > 1 else ALONE):
             break
-    if len(chosen) == 1 and not few_drives:
+    if len(chosen) == 1 and (few_drives or chosen[0] in aliased):
+        others = [one.name for one in effects[1:] if few_drives or one.name in aliased]
+        chosen += others[:1]
+    if len(chosen) == 1:
         return Verdict("effect", tuple(chosen), probability, "One effect explains the gap best.")
     return Verdict("class", tuple(chosen), probability, "These effects cannot be told apart on these drives.")
 

@@ -77,16 +77,21 @@ def _visible_from(
 ) -> float | None:
     """Return the weakest strength whose signature has a size; of fixed signatures the weakest that has."""
     if not chosen.is_fixed:
-        return _strength_of_size(chosen.strengths, sizes, size)
+        return _strength_of_size(chosen.strengths, sizes, size, chosen.exponent)
     visible = [one.strengths[-1] for one in several if float(one.shift[-1] @ precision @ one.shift[-1]) >= size**2]
     return float(min(visible)) if visible else None
 
 
-def _strength_of_size(strengths: np.ndarray, sizes: np.ndarray, size: float) -> float | None:
-    """Return the strength at which a signature has a size; linear, up to twice the strongest that was tried."""
+def _strength_of_size(strengths: np.ndarray, sizes: np.ndarray, size: float, exponent: float) -> float | None:
+    """Return the strength at which a signature has a size.
+
+    A power of the strength up to the weakest that was tried, then linear, up to twice the strongest.
+    """
     if sizes[-1] <= 0.0:
         return None
-    for place in range(1, len(sizes)):
+    if sizes[1] >= size:
+        return float(strengths[1] * (size / sizes[1]) ** (1.0 / exponent))
+    for place in range(2, len(sizes)):
         if sizes[place] >= size:
             low, high = sizes[place - 1], sizes[place]
             share = (size - low) / max(high - low, 1e-12) if low < size else 0.0

@@ -108,7 +108,9 @@ def estimate_drivers(
             if following.explained_share >= LEAST_EXPLAINED_SHARE:
                 replay_loss = loss_of_pairs(samples, limit, model_of, following)
     if following is not None and replay_loss is not None:
-        slope = space.slope_of(np.concatenate([space.lower[:num_inputs], values]))[chosen]
+        found = np.concatenate([space.lower[:num_inputs], values])
+        found[chosen] = np.clip(following.values, space.lower[chosen], space.upper[chosen])
+        slope = space.slope_of(found)[chosen]
         for index, name in enumerate(fitted):
             error = following.error[index] / abs(slope[index]) + _model_error(following.explained_share)
             note(name, following.values[index], error, "leader-follower pairs")
