@@ -1,13 +1,16 @@
 """What a disk says that takes no more, as one line for users."""
 
 import errno
+import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from jaxcalib.errors import CaseError, ResourceError
+from sim_adapters.interface import RunOutcome, Status
 
 DISK_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
+DISK_FULL = ("disk full?", "No space left", "Disk quota exceeded")  # in a simulator's last words
 
 
 @contextmanager
@@ -37,3 +40,15 @@ def full_disk(folder: Path, error: OSError | str) -> ResourceError:
     return ResourceError(
         f"{folder}: {reason}. What was written before is whole and kept; make room and give the same command again."
     )
+
+
+def checked_disk(outcomes: list[RunOutcome]) -> list[RunOutcome]:
+    """Return outcomes if none failed for want of disk space: that says nothing of the candidate.
+
+    Raises:
+        ResourceError: one did.
+    """
+    for outcome in outcomes:
+        if outcome.status is Status.FAILED and any(words in outcome.log_tail for words in DISK_FULL):
+            raise full_disk(Path(tempfile.gettempdir()), "no room for SUMO's output")
+    return outcomes

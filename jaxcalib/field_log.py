@@ -7,7 +7,7 @@ import numpy as np
 
 from jaxcalib.case import Case, Drive, Role
 from jaxcalib.even_clock import EvenDrive, to_even_clock
-from jaxcalib.log_cleaning import GAP_TOLERANCE, CleaningRules, clean_tracks
+from jaxcalib.log_cleaning import GAP_TOLERANCE, CleaningRules, clean_tracks, rules_for
 from jaxcalib.log_tables import EARLY_START_S, read_object_log, read_subject_log
 from jaxcalib.matched_objects import match_objects
 from jaxcalib.matched_subject import match_subject
@@ -131,11 +131,11 @@ def read_drive(
             `jaxcalib.matched_subject` and `jaxcalib.matched_objects`.
     """
     geometry = geometry or build_route_geometry(row_map)
-    rules = rules or CleaningRules()
     earliest_s = drive.depart_s - EARLY_START_S
     latest_s = case.scenario.duration_s if case.scenario else np.inf
     subject_log = read_subject_log(drive.subject_file, earliest_s, latest_s)
     object_log = read_object_log(drive.objects_file, earliest_s, latest_s)
+    rules = rules or rules_for(subject_log.sampling_s)
     subject = match_subject(geometry, subject_log)
     objects = match_objects(geometry, object_log, subject_log, subject)
 

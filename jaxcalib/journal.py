@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from jaxcalib.disk import checked_disk, writing_to
 from sim_adapters.interface import ParameterLayout, RunOutcome, RunRequest, Status
 from sim_adapters.jax_simulator import JaxSimulator
 from sim_adapters.sumo_simulator import SumoSimulator
@@ -70,9 +71,13 @@ class Journal:
         """
         keys = [key_of(engine, outcome.request) for outcome in outcomes]
         self._outcomes |= dict(zip(keys, outcomes, strict=True))
-        if self._folder is not None and outcomes:
-            part: dict[str, Any] = _part_of(keys, outcomes) | {"elapsed_s": np.asarray(elapsed_s)}
-            write_atomically(self._folder / f"part-{self._next_part:06d}.npz", lambda file: np.savez(file, **part))
+        # a simulator that died says nothing of the candidate: whoever resumes tries it again
+        kept = [(key, one) for key, one in zip(keys, outcomes, strict=True) if one.status is not Status.FAILED]
+        if self._folder is not None and kept:
+            part: dict[str, Any] = _part_of(*map(list, zip(*kept, strict=True)))
+            part["elapsed_s"] = np.asarray(elapsed_s)
+            with writing_to(self._folder):
+                write_atomically(self._folder / f"part-{self._next_part:06d}.npz", lambda file: np.savez(file, **part))
             self._next_part += 1
 
     def _read(self, file: Path) -> None:
@@ -156,7 +161,7 @@ class JournaledSumo:
             began = time.perf_counter()
             for outcome in known:
                 if outcome is None:
-                    made = next(waiting)()
+                    (made,) = checked_disk([next(waiting)()])
                     now = time.perf_counter()
                     self._journal.add("sumo", [made], now - began)
                     began = now

@@ -8,7 +8,8 @@ The rules, in the order in which they are applied:
 1. A jump splits a track: what follows is another vehicle that was given the same id. A jump is a step along the road
    that no two vehicles on one carriageway can make, or a change of speed that stays beyond any brake for several
    samples (tyres allow about 10 m/s^2; one odd sample is noise and splits nothing).
-2. A gap of up to 1 s is an occlusion or a lost detection and is bridged (by the clock, see `jaxcalib.even_clock`).
+2. A gap of up to 1 s, or one and a half sampling steps of a slow log, is an occlusion or a lost detection and is
+   bridged (by the clock, see `jaxcalib.even_clock`).
    After a longer gap a new episode begins: nothing is interpolated across it and no event may span it. The track keeps
    its number, for a vehicle that leaves and comes back is the same vehicle.
 3. An episode shorter than 1 s is dropped: too short for any measure that needs a neighbour or a change, and the usual
@@ -16,12 +17,13 @@ The rules, in the order in which they are applied:
 4. Tracks are numbered from 0 by first detection, as the simulators number theirs.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from jaxcalib.log_tables import CLOCK_TOLERANCE_S
 
+SAMPLING_STEPS_BRIDGED = 1.5  # time stamps of slow logs are uneven by some per cent
 GAP_TOLERANCE = 0.05  # of the gap: one lost sample at 2 Hz, or one step at 1 Hz, is never exactly 1 s
 
 
@@ -44,6 +46,12 @@ class CleaningRules:
     least_jump_time_s: float = 0.1
     hardest_acceleration_mps2: float = 15.0
     lasting_steps: int = 3
+
+
+def rules_for(sampling_s: float) -> CleaningRules:
+    """Return the rules for a log: between rows that come as often as usual there is no gap, however slow it is."""
+    usual = CleaningRules()
+    return replace(usual, longest_gap_s=max(usual.longest_gap_s, SAMPLING_STEPS_BRIDGED * sampling_s))
 
 
 @dataclass(frozen=True)

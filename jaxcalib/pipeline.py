@@ -237,14 +237,15 @@ def surrogate_on_held_out(
     plan: Budget,
     first_seed: int,
 ) -> np.ndarray | None:
-    """Return the surrogate's pooled tallies of the result on held-out drives: for the report, nothing is chosen."""
+    """Return the surrogate's tallies of the result on held-out drives, summed over runs: nothing is chosen by them."""
     departs_s = problem.departs_s("held_out")
     if not departs_s:
         return None
     evaluator = Evaluator(JournaledSurrogate(engine, journal), departs_s, first_seed + FINAL_SEEDS["held_out"])
     values = initial.space.values_of(confirmation.best[None])
-    pooled = evaluator.evaluate(values, evaluator.rounds_of(plan.noise_runs)).pooled[0]
-    return pooled if np.isfinite(pooled).all() else None
+    num_runs = evaluator.rounds_of(plan.noise_runs)
+    summed = num_runs * evaluator.evaluate(values, num_runs).pooled[0]
+    return summed if np.isfinite(summed).all() else None
 
 
 class Stopwatch:

@@ -2,7 +2,7 @@
 
 import dataclasses
 import functools
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -21,6 +21,14 @@ from jaxcalib.measures.registry import all_measures
 from jaxcalib.measures.scene import MeasureSettings
 from jaxcalib.measures.whole_drive import WholeDriveFold
 from jaxcalib.parameter_space import RANGES, behaviour_parameters
+from jaxcalib.problem_checks import (
+    check_clock,
+    check_drives,
+    check_inflows,
+    check_models,
+    coverage_warnings,
+    replay_warnings,
+)
 from jaxcalib.seen_range import range_warnings, seen_perception
 from sim_adapters.errors import ScenarioError
 from sim_adapters.interface import ParameterLayout
@@ -109,6 +117,8 @@ class CalibrationProblem:
                 "case.toml: behaviour.distant_vtypes: in plain SUMO nobody changes over, so not in RUN/scenario."
             )
         own += self.range_warnings
+        own += replay_warnings(self.case) if self.parts.subject.model.name == REPLAY else []
+        own += coverage_warnings(self.drives, self.scenario.network.length_m)
         return (*own, *self.scenario.warnings, *(line for drive in self.drives for line in drive.warnings))
 
 
@@ -129,12 +139,12 @@ def read_problem(folder: Path | str, *, as_stated: bool = False) -> CalibrationP
             parts.scenario.config_file, case.folder, parts.subject.vehicle, parts.scenario.duration_s
         )
         layout = _layout(parts)
-        _check_models(scenario, parts)
-        _check_clock(scenario, parts)
+        check_models(scenario, parts)
+        check_clock(scenario, parts, FRAME_INTERVAL_S)
         drives = read_drives(case, scenario.row_map)
         stated = case.perception
         if not as_stated:
-            case = dataclasses.replace(case, perception=seen_perception(drives, stated))
+            case = dataclasses.replace(case, perception=seen_perception(drives_to_fit(drives), stated))
         sensor = case.perception
         drives = tuple(dataclasses.replace(drive, ahead_m=sensor.ahead_m, behind_m=sensor.behind_m) for drive in drives)
         reach_m, distant = (sensor.ahead_m, sensor.behind_m), parts.behaviour.distant_vtypes
@@ -144,9 +154,12 @@ def read_problem(folder: Path | str, *, as_stated: bool = False) -> CalibrationP
     if parts.subject.model.name == REPLAY:
         template = dataclasses.replace(template, logged_drives=_logged_drives(case, drives, parts))
     tally = drive_tally(_measure_settings(case, observe_road(scenario), drives))
+    check_inflows(template)
     longest_s = max(parts.scenario.duration_s - drive.depart_s for drive in case.drives)
     num_frames = FRAMES_STEP * int(np.ceil((longest_s / FRAME_INTERVAL_S + 2) / FRAMES_STEP))
     fold = WholeDriveFold(tally, num_frames)
+    frames = [drive.frames(FRAME_INTERVAL_S) for drive in drives]
+    check_drives(case, drives, frames, FRAME_INTERVAL_S)
     return CalibrationProblem(
         case=case,
         parts=parts,
@@ -156,9 +169,14 @@ def read_problem(folder: Path | str, *, as_stated: bool = False) -> CalibrationP
         fold=fold,
         measures=all_measures(tally.settings),
         drives=drives,
-        field_tally=np.stack([fold(drive.frames(FRAME_INTERVAL_S)) for drive in drives]),
+        field_tally=np.stack([fold(one) for one in frames]),
         range_warnings=range_warnings(stated, sensor),
     )
+
+
+def drives_to_fit(drives: Sequence[DriveLog]) -> tuple[DriveLog, ...]:
+    """Return the drives that a calibration may use."""
+    return tuple(drive for drive in drives if drive.role == "fit")
 
 
 def _logged_drives(case: Case, drives: tuple[DriveLog, ...], parts: ScenarioParts) -> tuple[LoggedDrive, ...]:
@@ -187,40 +205,6 @@ def _layout(parts: ScenarioParts) -> ParameterLayout:
         vtypes=parts.behaviour.vtypes,
         attributes=behaviour_parameters(FILE_NAME, model, parts.behaviour.parameters),
     )
-
-
-def _check_clock(scenario: Scenario, parts: ScenarioParts) -> None:
-    step_s = parts.scenario.step_s
-    if abs(step_s - scenario.configuration.step_s) > 1e-9:
-        raise CaseError(
-            FILE_NAME,
-            "scenario.step_s",
-            f"expected the step-length of the configuration, {scenario.configuration.step_s:g}, got {step_s:g}.",
-        )
-    if abs(FRAME_INTERVAL_S / step_s - round(FRAME_INTERVAL_S / step_s)) > 1e-6:
-        raise CaseError(
-            FILE_NAME, "scenario.step_s", f"expected a whole part of {FRAME_INTERVAL_S:g} s, got {step_s:g}."
-        )
-    if scenario.configuration.begin_s != 0.0:
-        raise CaseError(parts.scenario.config_file, "begin", f"expected 0, got {scenario.configuration.begin_s:g}.")
-
-
-def _check_models(scenario: Scenario, parts: ScenarioParts) -> None:
-    for vtype in parts.behaviour.vtypes:
-        model = scenario.model_of(vtype)
-        if model != parts.behaviour.car_following:
-            raise CaseError(
-                FILE_NAME,
-                "behaviour.car_following",
-                f"expected {quote(model)}, as in vType {quote(vtype)}, got {quote(parts.behaviour.car_following)}.",
-            )
-    if scenario.demand.subject_vtype != parts.subject.vtype:
-        raise CaseError(
-            FILE_NAME,
-            "subject.vtype",
-            f"expected the type of vehicle {quote(parts.subject.vehicle)}, {quote(scenario.demand.subject_vtype)}, "
-            f"got {quote(parts.subject.vtype)}.",
-        )
 
 
 def _measure_settings(case: Case, road: ObservedRoad, drives: tuple[DriveLog, ...]) -> MeasureSettings:

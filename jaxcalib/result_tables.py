@@ -120,10 +120,10 @@ def _mops(
     record: CalibrationRecord, calibrated: dict[Role, FinalRuns], notes: dict[str, str]
 ) -> dict[str, dict[str, dict[str, float | None]]]:
     problem = record.problem
-    surrogate = record.confirmation.confirmed[record.confirmation.winner].surrogate
+    winner = record.confirmation.confirmed[record.confirmation.winner]
     sources: dict[str, dict[str, np.ndarray | None]] = {
         "field": {role: problem.field_of(role).sum(axis=0) for role in ROLES},
-        "surrogate": {"fit": surrogate, "held_out": record.surrogate_on_held_out},
+        "surrogate": {"fit": winner.surrogate_runs * winner.surrogate, "held_out": record.surrogate_on_held_out},
         "sumo": {role: calibrated[role].tally.sum(axis=0) for role in ROLES},
     }
     if record.surrogate_on_held_out is None:

@@ -21,7 +21,7 @@ def seen_perception(drives: Sequence[DriveLog], stated: Perception) -> Perceptio
     """Return the sensors with the range in which objects were reported, where that is well below the stated one.
 
     Args:
-        drives: all drives; the farthest object of any of them counts.
+        drives: the drives to fit; the farthest object of any of them counts.
         stated: the sensors as the case states them.
     """
     offset_m = np.concatenate([drive.objects.offset_m for drive in drives] or [np.zeros(0)])

@@ -38,6 +38,7 @@ class Moments:
         denominator: place of each denominator.
         scale: factor of each.
         drives: place of the number of drives among the tallies.
+        rates: names of those that are events over a distance: their events count, not the metres.
     """
 
     names: tuple[str, ...]
@@ -46,6 +47,7 @@ class Moments:
     denominator: np.ndarray
     scale: np.ndarray
     drives: int
+    rates: frozenset[str] = frozenset()
 
     def values(self, tally: Float[np.ndarray, "... tally"]) -> Float[np.ndarray, "... moment"]:
         """Return the moments of pooled tallies; nan where nothing was observed."""
@@ -70,6 +72,7 @@ class Moments:
             self.denominator[places],
             self.scale[places],
             self.drives,
+            self.rates,
         )
 
 
@@ -94,6 +97,7 @@ def moments_of(measures: Sequence[Measure], tally_index: Mapping[str, int]) -> M
         denominator=np.asarray([tally_index[measure.denominator] for measure in measures], int),
         scale=np.asarray([measure.scale for measure in measures], float),
         drives=tally_index["drives"],
+        rates=frozenset(measure.name for measure in measures if measure.observations == measure.numerator),
     )
 
 
@@ -108,9 +112,12 @@ def observed_moments(
         simulated: tallies of runs near where the search begins.
     """
     per_run = len(field) / len(simulated)
-    enough = np.ones(len(moments.names), bool)
+    sums = field.sum(axis=0), per_run * simulated.sum(axis=0)
     is_per_drive = moments.denominator == moments.drives
-    for tally in (field.sum(axis=0), per_run * simulated.sum(axis=0)):
+    # that one side shows no event where the other shows many says something; that neither shows any does not
+    is_rate = np.asarray([name in moments.rates for name in moments.names], bool)
+    enough = ~is_rate | (np.maximum(*(tally[moments.numerator] for tally in sums)) >= FEWEST_EVENTS)
+    for tally in sums:
         observations = np.where(is_per_drive, tally[moments.numerator], tally[moments.denominator])
         enough &= observations >= np.where(is_per_drive, FEWEST_EVENTS, FEWEST_OBSERVATIONS)
     for drives in (field, simulated):  # a mean that rests on one or two drives has no noise that could be estimated

@@ -30,7 +30,8 @@ class CalibrationRecord:
         uncalibrated: SUMO runs of the scenario as it was.
         search_seeds: first seed of each kind of run.
         num_surrogate_runs: runs of the search in the surrogate.
-        surrogate_on_held_out: the surrogate's pooled tallies of the result on held-out drives; None where it has none.
+        surrogate_on_held_out: the surrogate's tallies of the result on held-out drives, summed over runs; None where it
+            has none.
         num_sumo_processes: SUMO runs side by side.
         wall_s: time of each part.
     """

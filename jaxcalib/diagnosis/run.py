@@ -39,7 +39,7 @@ from jaxcalib.engines import (
 )
 from jaxcalib.journal import JournaledSumo
 from jaxcalib.pipeline import MOST_SEED, SEEDS_PER_CALIBRATION, Stopwatch, search_values
-from jaxcalib.problem import CalibrationProblem, read_problem
+from jaxcalib.problem import CalibrationProblem, drives_to_fit, read_problem
 from jaxcalib.progress import Progress, Silent
 from jaxcalib.run_folder import RunFolder, identify, open_run_folder
 from jaxcalib.seen_range import seen_perception
@@ -115,7 +115,7 @@ def _diagnose(
 
     # What a short range hides must not bend the values: it is an effect of its own, to be found with the stated range.
     seen = problem
-    if seen_perception(problem.drives, problem.case.perception) != problem.case.perception:
+    if seen_perception(drives_to_fit(problem.drives), problem.case.perception) != problem.case.perception:
         seen = read_problem(problem.case.folder)
     with sumo_engine(seen) as pool:
         engine = surrogate_engine(seen)

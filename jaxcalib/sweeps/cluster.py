@@ -13,10 +13,11 @@ from typing import Any, cast
 
 from distributed import Client, Future, KilledWorker
 
+from jaxcalib.disk import checked_disk
 from jaxcalib.errors import CaseError, ResourceError
 from jaxcalib.problem import CalibrationProblem
 from jaxcalib.sweeps import cluster_worker
-from jaxcalib.sweeps.local_engines import Done, checked_disk
+from jaxcalib.sweeps.local_engines import Done
 from jaxcalib.sweeps.plan import Engine, SweepPlan
 
 ANSWER_S = 15.0  # a scheduler that takes longer does not answer

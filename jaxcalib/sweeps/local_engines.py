@@ -1,13 +1,11 @@
 """Blocks of a sweep in the engines of this machine."""
 
 import collections
-import tempfile
 import time
 from collections.abc import Iterable, Iterator, Sequence
-from pathlib import Path
 from typing import Protocol
 
-from jaxcalib.disk import full_disk
+from jaxcalib.disk import checked_disk
 from jaxcalib.engines import SPARE_CAPACITY, sumo_engine, surrogate_engine
 from jaxcalib.problem import CalibrationProblem
 from jaxcalib.sweeps.plan import Engine, SweepPlan
@@ -17,7 +15,6 @@ from sim_adapters.jax_simulator import JaxSimulator
 CALL_S = 20.0  # about so long does a call last: the longer, the fuller are its batches, and the more is lost by a kill
 FIRST_BATCHES, MOST_BATCHES = 2, 64  # of a call
 ROOM_FACTORS = (1.0, 2.0, 4.0)
-DISK_FULL = ("disk full?", "No space left", "Disk quota exceeded")  # in a simulator's last words
 
 Done = tuple[int, list[RunOutcome]]
 
@@ -145,15 +142,3 @@ class LocalSumo:
 def local_engine(problem: CalibrationProblem, engine: Engine) -> BlockEngine:
     """Return an engine of this machine."""
     return LocalSurrogate(problem) if engine == "surrogate" else LocalSumo(problem)
-
-
-def checked_disk(outcomes: list[RunOutcome]) -> list[RunOutcome]:
-    """Return outcomes if none failed for want of disk space: that says nothing of the candidate.
-
-    Raises:
-        ResourceError: one did.
-    """
-    for outcome in outcomes:
-        if outcome.status is Status.FAILED and any(words in outcome.log_tail for words in DISK_FULL):
-            raise full_disk(Path(tempfile.gettempdir()), "no room for SUMO's output")
-    return outcomes

@@ -19,7 +19,7 @@ def outcome(seed: int, status: Status = Status.OK) -> RunOutcome:
 
 
 def test_what_was_added_is_found_again_bit_for_bit(tmp_path: Path):
-    made = [outcome(1), outcome(2, Status.FAILED), outcome(3)]
+    made = [outcome(1), outcome(2, Status.COLLIDED), outcome(3)]
     Journal(tmp_path / "journal").add("surrogate", made, 1.5)
     again = Journal(tmp_path / "journal")
     before = again.clock()
@@ -38,6 +38,15 @@ def test_what_was_added_is_found_again_bit_for_bit(tmp_path: Path):
     assert again.find("surrogate", made[0].request) is not None
     assert again.clock() - before == pytest.approx(1.5, abs=0.2)
     assert again.find("sumo", made[0].request) is None
+
+
+def test_a_run_whose_simulator_died_is_made_again_by_whoever_resumes(tmp_path: Path):
+    journal = Journal(tmp_path / "journal")
+    journal.add("sumo", [outcome(1, Status.FAILED), outcome(2)], 1.0)
+    journal.add("sumo", [outcome(3, Status.FAILED)], 1.0)
+    assert journal.find("sumo", outcome(1).request) is not None
+    again = Journal(tmp_path / "journal")
+    assert [again.find("sumo", outcome(seed).request) is not None for seed in (1, 2, 3)] == [False, True, False]
 
 
 def test_a_damaged_part_is_dropped_and_the_others_stay(tmp_path: Path):

@@ -1,3 +1,4 @@
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -44,6 +45,17 @@ def test_a_moment_that_rests_on_one_drive_is_left_out():
     field, simulated = ratio_tallies(8, 1), ratio_tallies(32, 2)
     field[1:, 3] = 0.01
     assert observed_moments(two_ratios(), field, simulated).names == ("a",)
+
+
+def test_a_rate_of_events_counts_by_its_events_and_not_by_the_metres_driven():
+    rates = replace(two_ratios(), rates=frozenset("b"))
+    field, simulated = ratio_tallies(8, 1), ratio_tallies(32, 2)
+    assert observed_moments(rates, field, simulated).names == ("a", "b")
+    field[:, 1], simulated[:, 1] = 0.0, 0.0
+    simulated[3, 1] = 1.0  # one event in 32 runs: neither side says anything
+    assert observed_moments(rates, field, simulated).names == ("a",)
+    simulated[:, 1] = 2.0  # 16 events expected, none seen
+    assert observed_moments(rates, field, simulated).names == ("a", "b")
 
 
 def test_truth_shows_residuals_as_large_as_their_noise():

@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from synthetic import made_up_null
 
+from jaxcalib.diagnosis.conventions import rounding_step
 from jaxcalib.diagnosis.evidence import (
     NONE,
     UNKNOWN,
@@ -21,9 +22,11 @@ from jaxcalib.diagnosis.evidence import (
 from jaxcalib.diagnosis.features import Cell, DriveTallies
 from jaxcalib.diagnosis.further import most_flexible_shift, next_steps, second_effect
 from jaxcalib.diagnosis.ledger import make_ledger, parameter_shift, remaining_covariance
+from jaxcalib.diagnosis.noise import open_deviation
 from jaxcalib.diagnosis.ramp_inflow import explain_ramps
 from jaxcalib.diagnosis.stages import Stages
 from jaxcalib.diagnosis.verdict import Verdict, judge, probabilities
+from jaxcalib.diagnosis.visibility import atlas_of
 from surrogate.effects.registry import effect_named
 
 NULL = made_up_null()
@@ -97,6 +100,44 @@ def test_twins_are_a_set():
     verdict = judge(found, 50.0, SIZE, 0.0, False)
     assert verdict.kind == "class"
     assert set(verdict.effects) == {"grade", "local_speed_reduction"}
+
+
+def test_with_few_drives_or_one_departure_nothing_is_named_alone():
+    found = explained(noise(3) + 1.3 * SIGNATURES["grade"].shift[1])
+    assert judge(found, 50.0, SIZE, 0.0, False).effects == ("grade",)
+    few = judge(found, 50.0, SIZE, 0.0, True)
+    assert (few.kind, few.effects[0], len(few.effects)) == ("class", "grade", 2)
+    aliased = judge(found, 50.0, SIZE, 0.0, False, ("grade", "keep_right"))
+    assert (aliased.kind, aliased.effects) == ("class", ("grade", "keep_right"))
+    assert judge(found, 50.0, SIZE, 0.0, False, ("memory", "keep_right")).kind == "effect"
+
+
+@pytest.mark.parametrize("power", [1.0, 1.5, 2.0])
+def test_below_the_weakest_strength_tried_a_signature_goes_on_as_it_grows_above(power: float):
+    strengths = np.asarray([0.0, 0.2, 0.35])
+    direction = np.random.default_rng(8).standard_normal(SIZE)
+    shift = strengths[:, None] ** power * direction
+    one = Signature("driver_heterogeneity", {}, strengths, shift, np.zeros_like(shift))
+    assert one.exponent == pytest.approx(power)
+    for strength in (0.03, 0.11, 0.2):
+        np.testing.assert_allclose(one.at(strength)[0], strength**power * direction, rtol=1e-9)
+    size = 4.3 / np.sqrt(direction @ np.linalg.inv(NULL.covariance) @ direction)
+    visible = atlas_of({"driver_heterogeneity": [replace(one, shift=one.shift / 0.1**power * size)]}, NULL, 8)
+    assert visible["driver_heterogeneity"].visible_from == pytest.approx(0.1, rel=1e-6)
+
+
+def test_tolerances_reach_the_tracks_that_come_and_go():
+    cells = tuple(Cell("identity", f"{kind}_inside_range_phs") for kind in ("lost", "found"))
+    assert np.all(open_deviation(cells) > 0.0)
+
+
+def test_rounding_is_read_from_the_values():
+    values = np.random.default_rng(2).uniform(-150.0, 150.0, 4000)
+    for step in (1.0, 0.1, 0.05, 0.01):
+        rounded = np.round(values / step) * step
+        rounded[:200] += 0.00037  # some were moved to other instants
+        assert rounding_step(rounded) == step
+    assert rounding_step(values) == 0.001
 
 
 def test_a_gain_that_one_drive_makes_is_no_effect():

@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jaxcalib.log_cleaning import CleaningRules, CleanTracks, clean_tracks
+from jaxcalib.log_cleaning import CleaningRules, CleanTracks, clean_tracks, rules_for
 
 RULES = CleaningRules()
 
@@ -34,6 +34,14 @@ def test_a_short_gap_is_bridged():
     tracks = clean([0.0, 0.5, 1.5, 2.0], [1] * 4, [0] * 4)
     np.testing.assert_array_equal(tracks.episode, [0, 0, 0, 0])
     assert tracks.num_gaps == 0
+
+
+def test_a_slow_log_with_uneven_time_stamps_has_no_gaps():
+    time_s = np.arange(200.0) + np.random.default_rng(4).uniform(-0.2, 0.2, 200)
+    usual, own = (clean(time_s, [1] * 200, [0] * 200, rules=one) for one in (RULES, rules_for(1.0)))
+    assert usual.num_gaps > 30
+    assert (own.num_gaps, own.num_fragments) == (0, 0)
+    assert rules_for(0.1) == RULES
 
 
 def test_a_long_gap_begins_an_episode_and_keeps_the_number():
