@@ -3,6 +3,7 @@
 import hashlib
 import json
 import platform
+from collections.abc import Sequence
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -77,10 +78,17 @@ def open_run_folder(path: Path, identity: dict[str, str], resume: bool) -> RunFo
     return RunFolder(path, lock, Journal(path / "journal"))
 
 
-def identify(case: Case, options: dict[str, Any]) -> dict[str, str]:
-    """Return digests of all that runs depend on: the case's files, the options, the program with its libraries."""
+def identify(case: Case, options: dict[str, Any], more_packages: Sequence[Path] = ()) -> dict[str, str]:
+    """Return digests of all that runs depend on: the case's files, the options, the program with its libraries.
+
+    Args:
+        case: the case.
+        options: what the user asked for.
+        more_packages: folders of code above this one that runs depend on, too.
+    """
     program = hashlib.sha256()
-    for package in (Path(__file__).parent, *(Path(p) for m in (sim_adapters, surrogate) for p in m.__path__)):
+    own = (Path(__file__).parent, *(Path(p) for m in (sim_adapters, surrogate) for p in m.__path__))
+    for package in (*own, *more_packages):
         _add_files(program, package, "*.py")
     versions = [f"{name} {metadata.version(name)}" for name in LIBRARIES]
     program.update("\n".join([*versions, platform.python_version(), platform.machine()]).encode())

@@ -88,6 +88,8 @@ def read_answers(cases: Path, runs: Path, key_file: Path | None) -> tuple[list[A
         twin = runs / f"{folder.name}_twin" / ANSWER
         for one in (file, twin):
             name = one.parent.name
+            if key_file and one.is_file() and name not in hashes:
+                raise SealBrokenError(f"{one}: expected its hash in answers.json, as `run` records it.")
             if name in hashes and file_hash(one) != hashes[name]:
                 raise SealBrokenError(f"{one}: not the answer that was recorded.")
         answered.append(Answered(folder, labels[folder.name], _json(file), _json(twin) if twin.is_file() else None))
@@ -96,6 +98,9 @@ def read_answers(cases: Path, runs: Path, key_file: Path | None) -> tuple[list[A
 
 def _sealed(cases: Path, key_file: Path, folders: list[Path]) -> dict[str, Label]:
     seals = _json(cases / "seals.json")["cases"]
+    gone = sorted(set(seals) - {folder.name for folder in folders})
+    if gone:
+        raise SealBrokenError(f"{cases}: expected a case for each seal; {', '.join(gone)} are not there.")
     for folder in folders:
         if folder.name not in seals:
             raise SealBrokenError(f"{folder}: expected a seal in {cases / 'seals.json'}.")

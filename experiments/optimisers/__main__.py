@@ -110,7 +110,7 @@ def _study(
         raise CaseError("--no-functions", "", "expected a case; without functions there is nothing to search.")
     prepare_devices(len(os.sched_getaffinity(0)))
     problem = None if case is None else read_problem(case)
-    identity = None if problem is None else identify(problem.case, {})
+    identity = None if problem is None else identify(problem.case, {}, (Path(__file__).parent,))
     configuration: dict[str, Any] = {
         "case": identity and identity["case"],
         "program": identity and identity["program"],
@@ -160,7 +160,9 @@ def _courses(
         if prepared is not None:
             yield from _of_problem(chosen, CaseProblem(prepared, seed), budget, out / "journal")
             if wall_s > 0.0:
-                timed = Budget(MOST_TIMED_SHARE * budget.num_evaluations, wall_s, budget.batch_size)
+                # who plans ahead plans for as many as without the clock: how many that allows is not known before
+                most = MOST_TIMED_SHARE * budget.num_evaluations
+                timed = Budget(most, wall_s, budget.batch_size, budget.num_evaluations)
                 yield from _of_problem(chosen, CaseProblem(prepared, seed), timed, out / "journal_wall_time")
 
 

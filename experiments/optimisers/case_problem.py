@@ -112,9 +112,12 @@ class CaseProblem:
     def measure(self, points: Points) -> dict[str, Float[np.ndarray, " candidate"]]:
         """Return 1 less the accuracy of points on fresh seeds, on the drives to fit and on those held out.
 
-        What is known of the parameters themselves does not count: only simulated against field measures.
+        Where no drive is held out, both are those on the drives to fit. What is known of the parameters themselves
+        does not count: only simulated against field measures.
         """
-        return {"error": self._error(points, "held_out"), "error_fit": self._error(points, "fit")}
+        on_fit = self._error(points, "fit")
+        has_others = bool(len(self._prepared.problem.field_of("held_out")))
+        return {"error": self._error(points, "held_out") if has_others else on_fit, "error_fit": on_fit}
 
     def _error(self, points: Points, role: Role) -> Float[np.ndarray, " candidate"]:
         prepared = self._prepared

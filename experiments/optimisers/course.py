@@ -62,11 +62,13 @@ class Budget:
         num_evaluations: most candidates.
         wall_s: most time of optimiser and evaluations together; the round that runs out of it still counts.
         batch_size: see `Setting`.
+        num_planned: candidates that optimisers plan their course for, where that is not the most.
     """
 
     num_evaluations: int
     wall_s: float = float("inf")
     batch_size: int = 8
+    num_planned: int | None = None
 
 
 def run_course(
@@ -99,7 +101,7 @@ def run_course(
     known = _read_rounds(journal)
     setting = Setting(
         problem.num_parameters,
-        budget.num_evaluations,
+        budget.num_planned or budget.num_evaluations,
         budget.batch_size,
         problem.start,
         problem.has_slopes,

@@ -74,6 +74,8 @@ def draw_ranks(ranks: pd.DataFrame, file: Path) -> None:
 
 
 def _write(panels: list[str], draw: Callable[[Axes, str], None], file: Path) -> None:
+    if not panels:  # every search failed
+        return
     columns = min(COLUMNS, len(panels))
     rows = -(-len(panels) // columns)
     with mpl.rc_context(STYLE):

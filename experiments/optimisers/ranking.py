@@ -96,7 +96,8 @@ def all_rank_tables(rows: pd.DataFrame) -> pd.DataFrame:
             table = rank_table(group.pivot_table(index="seed", columns="optimiser", values="error", dropna=False))
             tables.append(table.assign(budget=budget, problem=problem))
         if of_budget["problem"].nunique() > 1:
-            medians = of_budget.pivot_table(index="problem", columns="optimiser", values="error", aggfunc="median")
+            failed_last = of_budget.assign(error=of_budget["error"].fillna(np.inf))
+            medians = failed_last.pivot_table(index="problem", columns="optimiser", values="error", aggfunc="median")
             tables.append(rank_table(medians).assign(budget=budget, problem="all"))
     return pd.concat(tables, ignore_index=True)
 

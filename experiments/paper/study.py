@@ -9,8 +9,9 @@ from pathlib import Path
 import jax
 import msgspec
 
+from experiments.paper.methods import METHODS
 from experiments.paper.patterns import DEMANDS, prepare_pattern
-from experiments.paper.trial import Trial, table_of
+from experiments.paper.trial import TRIAL_FILE, Trial, read_trial, table_of
 from experiments.paper.trial_runs import run_trial
 from jaxcalib.engines import prepare_devices
 from jaxcalib.errors import CaseError
@@ -24,6 +25,9 @@ from jaxcalib.settings import Settings
 STUDY_FILE, TABLE = "study.json", "trials"
 FIRST_SEED = 1  # a calibration's seed; each trial of a pattern and repetition has one, the same for all methods
 SEEDS_PER_PATTERN = 100
+
+
+TrialKey = tuple[int, int, str]  # pattern, repetition, method
 
 
 @dataclass(frozen=True)
@@ -74,9 +78,14 @@ def run_study(
         raise CaseError("command line", "--repetitions", f"expected 1 to {SEEDS_PER_PATTERN}, got {plan.repetitions}.")
     prepare_devices(plan.cores)
     problem = read_problem(plan.case)
-    options = {"study": "paper", "budget": plan.budget, "settings": repr(plan.settings)}
-    trials: list[Trial] = []
-    with open_run_folder(plan.out, identify(problem.case, options), resume=True):
+    options = {
+        "study": "ablation" if set(plan.methods) - set(METHODS) else "paper",
+        "budget": plan.budget,
+        "settings": repr(plan.settings),
+    }
+    identity = identify(problem.case, options, (Path(__file__).parent,))
+    with open_run_folder(plan.out, identity, resume=True):
+        trials = known_trials(plan.out / "trials")
         for repetition in range(plan.repetitions):  # whole rounds first: what there is can be looked at meanwhile
             for pattern in plan.patterns:
                 case = prepare_pattern(problem, pattern, plan.out / "cases")
@@ -91,10 +100,21 @@ def run_study(
                             budget=plan.budget, settings=plan.settings, progress=progress,
                         )  # fmt: skip
                     jax.clear_caches()  # the programs of one trial serve no other, and there are hundreds of trials
-                    trials.append(one)
-                    write_data(plan, trials)
+                    trials[pattern, repetition, method] = one
+                    write_data(plan, in_order(trials))
                     say(f"{name}: vehicle-level error {one.vehicle_level:.3f}, {time.perf_counter() - began:.0f} s")
-    return trials
+    return in_order(trials)
+
+
+def known_trials(folder: Path) -> dict[TrialKey, Trial]:
+    """Return the trials that lie in a folder, whichever call made them, by pattern, repetition and method."""
+    trials = [read_trial(file) for file in sorted(folder.rglob(TRIAL_FILE))]
+    return {(one.pattern, one.repetition, one.method): one for one in trials}
+
+
+def in_order(trials: dict[TrialKey, Trial]) -> list[Trial]:
+    """Return trials repetition by repetition, as they are made."""
+    return [trials[key] for key in sorted(trials, key=lambda key: (key[1], key[0], key[2]))]
 
 
 def write_data(plan: StudyPlan, trials: list[Trial]) -> None:
@@ -104,9 +124,9 @@ def write_data(plan: StudyPlan, trials: list[Trial]) -> None:
     write_atomically(plan.out / f"{TABLE}.parquet", lambda file: table.to_parquet(file, index=False))
     about = {
         "case": plan.case.name,
-        "methods": list(plan.methods),
-        "patterns": [DEMANDS[number - 1].__dict__ | {"pattern": number} for number in plan.patterns],
-        "repetitions": plan.repetitions,
+        "methods": list(dict.fromkeys(one.method for one in trials)),
+        "patterns": [DEMANDS[n - 1].__dict__ | {"pattern": n} for n in sorted({one.pattern for one in trials})],
+        "repetitions": 1 + max((one.repetition for one in trials), default=-1),
         "budget": plan.budget,
         "settings": msgspec.to_builtins(plan.settings),
         "seeds": {f"{one.pattern}/{one.repetition}": one.seed for one in trials},

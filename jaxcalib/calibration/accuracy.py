@@ -1,6 +1,6 @@
 """Measures of effectiveness: the errors of Eqs. 24-36 and their sum of Eq. 23."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -43,6 +43,22 @@ class Effectiveness:
     def vehicle_level(self) -> float:
         """Sum over the vehicle-level errors that there are (Eq. 23)."""
         return float(sum(self.errors[name] or 0.0 for name in VEHICLE_LEVEL))
+
+
+def vehicle_level_of(draws: Sequence[Effectiveness], seen: Effectiveness) -> list[float]:
+    """Return Eq. 23 of simulated sets over the terms that the field has; a set that lacks one of them is left out.
+
+    Args:
+        draws: errors of sets of simulated drives.
+        seen: errors against the field.
+    """
+    terms = [name for name in VEHICLE_LEVEL if seen.errors[name] is not None]
+    sums = []
+    for draw in draws:
+        errors = [error for name in terms if (error := draw.errors[name]) is not None]
+        if len(errors) == len(terms):
+            sums.append(float(sum(errors)))
+    return sums
 
 
 def effectiveness(

@@ -1,6 +1,6 @@
 """The errors that a result is judged by: in SUMO, on seeds that no search has seen, beside those of no calibration."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +12,7 @@ from jaxcalib.calibration.accuracy import (
     effectiveness,
     mean_errors,
     noise_floor,
+    vehicle_level_of,
 )
 from jaxcalib.calibration.bootstrap import Samples, bootstrap_errors, interval_of
 from jaxcalib.calibration.evaluator import gather
@@ -144,16 +145,18 @@ def final_errors(
     real = field.sum(axis=0)
     singles = [effectiveness(measures, names, real, one) for one in _one_run_per_drive(runs)]
     draws = noise_floor(measures, names, floor_runs.tally, floor_runs.drive) if floor_runs else []
+    pooled = effectiveness(measures, names, real, runs.tally.sum(axis=0))
+    sums = vehicle_level_of(draws, pooled)
     return FinalErrors(
         num_drives=len(field),
-        pooled=effectiveness(measures, names, real, runs.tally.sum(axis=0)),
+        pooled=pooled,
         per_seed=mean_errors(singles),
         samples=bootstrap_errors(measures, names, field, runs.tally),
         floor=mean_errors(draws),
-        floor_vehicle_level=float(np.mean([draw.vehicle_level for draw in draws])) if draws else float("nan"),
+        floor_vehicle_level=float(np.mean(sums)) if sums else float("nan"),
         floor_high={
             **{name: _quantile([draw.errors[name] for draw in draws]) for name in singles[0].errors},
-            VEHICLE_LEVEL_SUM: _quantile([draw.vehicle_level for draw in draws]),
+            VEHICLE_LEVEL_SUM: _quantile(sums),
         },
     )
 
@@ -217,6 +220,6 @@ def _rounds(runs: FinalRuns) -> list[np.ndarray]:
     return [np.asarray([place[number] for place in places]) for number in range(rounds)]
 
 
-def _quantile(errors: list[float | None]) -> float | None:
+def _quantile(errors: Sequence[float | None]) -> float | None:
     known = [error for error in errors if error is not None]
     return float(np.quantile(known, 0.95)) if known else None

@@ -98,7 +98,7 @@ def count_volumes(field: FieldCounts, simulated: Float[np.ndarray, "seed place"]
     """Return counted and simulated volumes as hourly rates, means over days and over seeds."""
     real, model = np.nanmean(field.vehicles, axis=0) * field.hourly, simulated.mean(axis=0) * field.hourly
     return [
-        Volume(f"{edge}, {begin:g} to {end:g} s", float(one), float(other))
+        Volume(f"{edge}, {begin:g} to {end:g} s", float(one), float(other), edge, end - begin)
         for (edge, begin, end), one, other in zip(field.places, real, model, strict=True)
     ]
 

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from jaxcalib.calibration.accuracy import VEHICLE_LEVEL_SUM, Effectiveness, noise_floor
+from jaxcalib.calibration.accuracy import VEHICLE_LEVEL_SUM, Effectiveness, noise_floor, vehicle_level_of
 from jaxcalib.calibration.final_errors import FinalRuns, final_errors
 from jaxcalib.case import Role
 from jaxcalib.problem import CalibrationProblem
@@ -37,7 +37,8 @@ def error_table(
     draws = noise_floor(problem.measures, problem.tally_names, runs.tally, runs.drive, NUM_DRAWS)
     table: Table = {}
     for name in [*errors.pooled.errors, VEHICLE_LEVEL_SUM]:
-        value, by_chance = errors.error(name), _known([_error(draw, name) for draw in draws])
+        by_chance = _by_chance(draws, name, errors.pooled)
+        value = errors.error(name)
         is_known = value is not None and len(by_chance) > 0
         table[name] = {
             "value": rounded(value),
@@ -49,9 +50,7 @@ def error_table(
     return table
 
 
-def _error(draw: Effectiveness, name: str) -> float | None:
-    return draw.vehicle_level if name == VEHICLE_LEVEL_SUM else draw.errors[name]
-
-
-def _known(errors: list[float | None]) -> np.ndarray:
-    return np.asarray([error for error in errors if error is not None], float)
+def _by_chance(draws: Sequence[Effectiveness], name: str, seen: Effectiveness) -> np.ndarray:
+    if name == VEHICLE_LEVEL_SUM:
+        return np.asarray(vehicle_level_of(draws, seen), float)
+    return np.asarray([error for draw in draws if (error := draw.errors[name]) is not None], float)

@@ -78,6 +78,20 @@ def test_a_study_goes_on_after_a_kill_and_makes_nothing_twice(plan: StudyPlan, m
     assert len(table) == 8
 
 
+def test_a_smaller_selection_drops_nothing_that_was_made(plan: StudyPlan, monkeypatch: pytest.MonkeyPatch):
+    def calibrate(case: Path, folder: Path, seed: int, **options: Any) -> tuple:
+        return folder, seed
+
+    monkeypatch.setattr(trial_runs, "calibrate", calibrate)
+    monkeypatch.setattr(trial_runs, "trial_of", lambda method, pattern, repetition, seed, result: trial(
+        method, pattern, repetition, seed))  # fmt: skip
+    run_study(plan, lambda name: nullcontext(Silent()), lambda line: None)
+    fewer = StudyPlan(plan.case, plan.out, (IMPROVED,), (1,), 1, plan.budget, plan.settings, 1)
+    assert len(run_study(fewer, lambda name: nullcontext(Silent()), lambda line: None)) == 8
+    about, kept = read_study(plan.out)
+    assert (len(kept), set(about["methods"]), about["repetitions"]) == (8, {PRINTED, IMPROVED}, 2)
+
+
 def test_a_study_of_another_budget_is_refused(plan: StudyPlan, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(study, "run_trial", lambda method, pattern, repetition, *rest, seed, **options: trial(
         method, pattern, repetition, seed))  # fmt: skip

@@ -5,7 +5,7 @@ import pytest
 
 from jaxcalib.validation.criterion import at_least, at_most
 from jaxcalib.validation.fhwa_2019 import criteria_2019, day_envelope
-from jaxcalib.validation.volumes import Volume, bound_2004_vehph, geh, volume_criteria
+from jaxcalib.validation.volumes import Volume, bound_2004_vehph, geh, sum_of_volumes, volume_criteria
 
 
 @pytest.mark.parametrize(
@@ -67,3 +67,14 @@ def test_what_is_not_known_is_neither_passed_nor_failed():
     assert at_least("x", "y", 1.0, float("nan")).passes is None
     assert at_most("x", "y", 1.0, 1.0).passes is True
     assert at_least("x", "y", 0.9, 1.0).passes is False
+
+
+def test_intervals_of_one_edge_are_one_hourly_rate_in_the_sum():
+    quarters = [Volume(f"a {number}", 4000.0, 3840.0, "a", 900.0) for number in range(4)]
+    (hour,) = [Volume("a", 4000.0, 3840.0, "a", 3600.0)]
+    assert sum_of_volumes(quarters) == sum_of_volumes([hour]) == (3840.0, 4000.0)
+    of_sum = [[one for one in volume_criteria(some, "hand") if "sum" in one.name] for some in (quarters, [hour])]
+    assert [one.value for one in of_sum[0]] == [one.value for one in of_sum[1]]
+    uneven = [Volume("a 1", 1000.0, 900.0, "a", 600.0), Volume("a 2", 400.0, 700.0, "a", 1800.0)]
+    other = Volume("b", 300.0, 310.0, "b", 600.0)
+    assert sum_of_volumes([*uneven, other]) == pytest.approx((750.0 + 310.0, 550.0 + 300.0))
