@@ -2,12 +2,14 @@
 
 import json
 import shutil
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from experiments.paper.drive_writer import write_drives
+from jaxcalib.case import Drive
+from jaxcalib.case_file import FILE_NAME
 from jaxcalib.errors import CaseError
 from jaxcalib.journal import write_atomically
 from jaxcalib.parameter_space import parameter_space, round_values
@@ -19,6 +21,7 @@ TRUTH_SPREAD = 0.1  # of the range, standard deviation of the known driver param
 FIELD_SEED = 2_100_000_000  # of the first drive of the first simulated pattern; calibrations use seeds below it
 SEEDS_PER_PATTERN = 10_000
 PATTERN_FILE = "pattern.json"
+HELD_OUT_FACTOR = 6  # of the case's own, in a simulated field
 
 
 @dataclass(frozen=True)
@@ -83,12 +86,39 @@ def prepare_pattern(problem: CalibrationProblem, number: int, folder: Path) -> P
     shutil.rmtree(to, ignore_errors=True)  # begun, and stopped before its end
     shutil.copytree(problem.case.folder, to)
     values = true_values(problem, DEMANDS[number - 1])
+    problem = _with_more_held_out(problem, to / FILE_NAME)
     write_drives(problem, values.tolist(), FIELD_SEED + SEEDS_PER_PATTERN * number, to)
     about = {
         "pattern": number,
         "demand": DEMANDS[number - 1].__dict__,
         "parameters": dict(zip(problem.layout.names, values.tolist(), strict=True)),
         "first_seed": FIELD_SEED + SEEDS_PER_PATTERN * number,
+        "held_out_drives": len(problem.case.drives_of("held_out")),
     }
     write_atomically(to / PATTERN_FILE, lambda file: file.write((json.dumps(about, indent=1) + "\n").encode()))
     return to
+
+
+def _with_more_held_out(problem: CalibrationProblem, case_file: Path) -> CalibrationProblem:
+    """Return the problem with each held-out drive several times, and add them to a copy of its case file.
+
+    The few that a case has leave more to chance than methods differ by; simulated ones cost seconds each.
+    """
+    more: list[Drive] = []
+    for copy in range(2, HELD_OUT_FACTOR + 1):
+        for drive in problem.case.drives_of("held_out"):
+            name = f"{drive.id}-{copy}"
+            files = [
+                file.with_name(f"{name}_{what}{''.join(file.suffixes)}")
+                for file, what in ((drive.subject_file, "subject"), (drive.objects_file, "objects"))
+            ]
+            more.append(replace(drive, id=name, subject_file=files[0], objects_file=files[1]))
+    tables = [
+        f"\n[[drive]]\nid       = {json.dumps(one.id)}\ndepart_s = {one.depart_s!r}\n"
+        f"subject  = {json.dumps(one.subject_file.relative_to(problem.case.folder).as_posix())}\n"
+        f"objects  = {json.dumps(one.objects_file.relative_to(problem.case.folder).as_posix())}\n"
+        f'role     = "held_out"\n'
+        for one in more
+    ]
+    case_file.write_text(case_file.read_text(encoding="utf-8") + "".join(tables), encoding="utf-8")
+    return replace(problem, case=replace(problem.case, drives=(*problem.case.drives, *more)))

@@ -10,7 +10,8 @@ import pytest
 
 from experiments.paper import patterns
 from experiments.paper.drive_writer import write_drives
-from experiments.paper.patterns import DEMANDS, prepare_pattern, true_values
+from experiments.paper.patterns import DEMANDS, HELD_OUT_FACTOR, prepare_pattern, true_values
+from jaxcalib.case import read_case
 from jaxcalib.engines import sumo_engine
 from jaxcalib.errors import CaseError
 from jaxcalib.problem import CalibrationProblem, read_problem
@@ -44,13 +45,24 @@ def test_a_pattern_that_was_begun_is_made_anew_and_one_that_is_there_is_kept(
     problem: CalibrationProblem, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     made = []
-    monkeypatch.setattr(patterns, "write_drives", lambda *arguments: made.append(arguments))
+
+    def write(problem: CalibrationProblem, values: list[float], first_seed: int, folder: Path) -> None:
+        made.append(first_seed)
+        for drive in problem.case.drives:
+            for file in (drive.subject_file, drive.objects_file):
+                (folder / file.relative_to(problem.case.folder)).touch()
+
+    monkeypatch.setattr(patterns, "write_drives", write)
     (tmp_path / "pattern-2").mkdir()
     folder = prepare_pattern(problem, 2, tmp_path)
     assert (folder / "case.toml").is_file()
     assert prepare_pattern(problem, 2, tmp_path) == folder
     assert len(made) == 1
     about = json.loads((folder / "pattern.json").read_text())
+    held_out, again = problem.case.drives_of("held_out"), read_case(folder).drives_of("held_out")
+    assert len(again) == about["held_out_drives"] == HELD_OUT_FACTOR * len(held_out)
+    assert sorted(one.depart_s for one in again) == sorted(HELD_OUT_FACTOR * [one.depart_s for one in held_out])
+    assert len({file for one in again for file in (one.subject_file, one.objects_file)}) == 2 * len(again)
     assert about["parameters"]["main"] == pytest.approx(0.85 * problem.template.base_values()[0])
 
 
