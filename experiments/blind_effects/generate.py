@@ -124,13 +124,17 @@ def _checked(ours: list[Logs], theirs: list[Logs]) -> ManipulationCheck:
 
 
 def write_case(folder: Path, name: str, road: Road, made: list[Logs], departs_s: list[float], roles: list[str]) -> None:
-    """Write a case; what lies there from a run that was killed goes."""
+    """Write a case; what lies there from a run that was killed goes.
+
+    Logs end where the scenario does, although in a jam the vehicle may still be on its way.
+    """
     shutil.rmtree(folder, ignore_errors=True)
     write_files(folder / "scenario", [("scenario.sumocfg", scenario_config(road))])
     write_files(folder / "scenario", [("demand.rou.xml", scenario_demand(road))])
     shutil.copyfile(road.net_file, folder / "scenario" / "net.net.xml")
     (folder / "field").mkdir()
     for number, (subject, objects, _) in enumerate(made, start=1):
+        subject, objects = (one[one["time_s"] <= road.duration_s] for one in (subject, objects))
         subject.to_parquet(folder / "field" / f"d{number:02d}_subject.parquet", index=False)
         objects.to_parquet(folder / "field" / f"d{number:02d}_objects.parquet", index=False)
     write_files(folder, [("case.toml", _case_toml(name, road, departs_s, roles))])
