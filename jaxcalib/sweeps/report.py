@@ -11,6 +11,7 @@ import pyarrow.parquet as pq
 from markupsafe import Markup
 
 from jaxcalib.calibration.accuracy import MEASURE_OF
+from jaxcalib.disk import writing_to
 from jaxcalib.journal import write_atomically
 from jaxcalib.problem import CalibrationProblem
 from jaxcalib.report.page import render_page
@@ -24,13 +25,22 @@ OTHER_COLUMNS = ["candidate", "status", "num_collisions", "num_teleports", "back
 LARGE_BACKLOG = 0.05
 
 
+def report_files(table: Path) -> tuple[Path, Path]:
+    """Return the files of a report, in numbers and in pictures, the last to be written last."""
+    return table.with_suffix(".json"), table.with_suffix(".html")
+
+
 def write_report(table: Path, problem: CalibrationProblem | None) -> None:
     """Write what was swept, in numbers and in pictures, beside the table.
 
     Args:
         table: the complete table.
         problem: for the field's values; None leaves them out.
+
+    Raises:
+        ResourceError: the disk is full.
     """
+    in_numbers, in_pictures = report_files(table)
     description = SweepStore(table).description()
     column_of = {name: one["column"] for name, one in description["parameters"].items() if one["varied"]}
     columns = [*OTHER_COLUMNS, *column_of.values(), *SHOWN, *(OBSERVATIONS + name for name in SHOWN)]
@@ -38,7 +48,8 @@ def write_report(table: Path, problem: CalibrationProblem | None) -> None:
     rows = {name: read[name].to_numpy() for name in columns}
     summary = summarise(rows)
     text = json.dumps(description | {"summary": summary}, indent=1) + "\n"
-    write_atomically(table.with_suffix(".json"), lambda stream: stream.write(text.encode()))
+    with writing_to(table.parent):
+        write_atomically(in_numbers, lambda stream: stream.write(text.encode()))
     means = candidate_means(rows, column_of, SHOWN)
     correlation = rank_correlation(means)
     is_known = bool(np.isfinite(correlation).any())
@@ -50,7 +61,8 @@ def write_report(table: Path, problem: CalibrationProblem | None) -> None:
         dependence=Markup(dependence_figure(means, correlation, field_values(problem))) if is_known else "",
         number=lambda value: f"{value:.5g}",
     )
-    write_atomically(table.with_suffix(".html"), lambda stream: stream.write(page.encode()))
+    with writing_to(table.parent):
+        write_atomically(in_pictures, lambda stream: stream.write(page.encode()))
 
 
 def summarise(rows: Mapping[str, np.ndarray]) -> dict[str, Any]:

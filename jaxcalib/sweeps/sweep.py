@@ -26,7 +26,7 @@ from jaxcalib.sweeps.local_engines import BlockEngine, local_engine
 from jaxcalib.sweeps.merge import merge, missing_blocks, remove_blocks, rows_in
 from jaxcalib.sweeps.plan import ENGINES, Engine, Shard, SweepPlan, read_shard
 from jaxcalib.sweeps.progress import Silent, SweepProgress
-from jaxcalib.sweeps.report import write_report
+from jaxcalib.sweeps.report import report_files, write_report
 from jaxcalib.sweeps.store import SweepStore
 
 SEEDS_PER_SWEEP = 1_000_000  # as for calibrations: no two values of --seed share a run's seed
@@ -134,6 +134,8 @@ def sweep(
         description = store.begin(describe(problem, space, plan, chosen, schema, identity), identity)
         if store.is_complete:
             remove_blocks(store)
+            if not all(file.is_file() for file in report_files(table)):  # stopped between the table and its report
+                write_report(table, problem)
             return _result(store, description, 0, began, plan)
         store.claim(part or Shard())
         missing = [block for block in missing_blocks(store, description) if (part or Shard()).has(block)]

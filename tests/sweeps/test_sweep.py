@@ -1,6 +1,7 @@
 """Sweeps: every row once, whatever happens on the way."""
 
 import errno
+import importlib
 import json
 import os
 import re
@@ -16,6 +17,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from jaxcalib.errors import CaseError, ResourceError
+from jaxcalib.sweeps.report import report_files
 from jaxcalib.sweeps.store import METADATA_KEY, SweepStore
 from jaxcalib.sweeps.sweep import SweepResult, merge_shards, sweep
 
@@ -108,6 +110,23 @@ def test_a_complete_sweep_is_not_made_again(toy: Callable, tmp_path: Path):
     assert result.num_made == 0
     assert len(toy()) == num_engines  # no other was asked for
     assert out.read_bytes() == before
+
+
+def test_a_report_that_a_kill_left_out_is_written_by_the_next_call(
+    toy: Callable, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    out, written = tmp_path / "sweep.parquet", []
+    run(out)
+
+    def write(table: Path, problem: object) -> None:
+        written.append(table)
+        for file in report_files(table):
+            file.touch()
+
+    monkeypatch.setattr(importlib.import_module("jaxcalib.sweeps.sweep"), "write_report", write)
+    assert run(out, resume=True).num_made == 0
+    assert run(out, resume=True).num_made == 0
+    assert written == [out]
 
 
 def test_jobs_share_a_folder_and_merging_checks_that_nothing_is_missing(toy, tmp_path: Path):
