@@ -13,6 +13,7 @@ from experiments.paper.methods import METHODS
 from experiments.paper.patterns import DEMANDS, prepare_pattern
 from experiments.paper.trial import TRIAL_FILE, Trial, read_trial, table_of
 from experiments.paper.trial_runs import run_trial
+from jaxcalib.calibration.evaluator import AllRunsFailedError
 from jaxcalib.engines import prepare_devices
 from jaxcalib.errors import CaseError
 from jaxcalib.journal import write_atomically
@@ -72,7 +73,6 @@ def run_study(
 
     Raises:
         CaseError: the case, the options or the folder are wrong.
-        AllRunsFailedError: a simulator failed.
     """
     if not 1 <= plan.repetitions <= SEEDS_PER_PATTERN:
         raise CaseError("command line", "--repetitions", f"expected 1 to {SEEDS_PER_PATTERN}, got {plan.repetitions}.")
@@ -85,7 +85,7 @@ def run_study(
     }
     identity = identify(problem.case, options, (Path(__file__).parent,))
     with open_run_folder(plan.out, identity, resume=True):
-        trials = known_trials(plan.out / "trials")
+        trials, failed = known_trials(plan.out / "trials"), []
         for repetition in range(plan.repetitions):  # whole rounds first: what there is can be looked at meanwhile
             for pattern in plan.patterns:
                 case = prepare_pattern(problem, pattern, plan.out / "cases")
@@ -94,14 +94,20 @@ def run_study(
                     folder = plan.out / "trials" / name
                     folder.mkdir(parents=True, exist_ok=True)
                     began = time.perf_counter()
-                    with progress_of(name) as progress:
-                        one = run_trial(
-                            method, pattern, repetition, case, folder, seed=seed_of(pattern, repetition),
-                            budget=plan.budget, settings=plan.settings, progress=progress,
-                        )  # fmt: skip
+                    try:
+                        with progress_of(name) as progress:
+                            one = run_trial(
+                                method, pattern, repetition, case, folder, seed=seed_of(pattern, repetition),
+                                budget=plan.budget, settings=plan.settings, progress=progress,
+                            )  # fmt: skip
+                    except AllRunsFailedError as error:  # one failed trial must not keep the others from being made
+                        failed.append(name)
+                        write_data(plan, in_order(trials), failed)
+                        say(f"{name}: no result, {error}")
+                        continue
                     jax.clear_caches()  # the programs of one trial serve no other, and there are hundreds of trials
                     trials[pattern, repetition, method] = one
-                    write_data(plan, in_order(trials))
+                    write_data(plan, in_order(trials), failed)
                     say(f"{name}: vehicle-level error {one.vehicle_level:.3f}, {time.perf_counter() - began:.0f} s")
     return in_order(trials)
 
@@ -117,8 +123,8 @@ def in_order(trials: dict[TrialKey, Trial]) -> list[Trial]:
     return [trials[key] for key in sorted(trials, key=lambda key: (key[1], key[0], key[2]))]
 
 
-def write_data(plan: StudyPlan, trials: list[Trial]) -> None:
-    """Write the table of trials as CSV and Parquet, and beside it what they were made with."""
+def write_data(plan: StudyPlan, trials: list[Trial], failed: Sequence[str] = ()) -> None:
+    """Write the table of trials as CSV and Parquet, and beside it what they were made with, and what failed."""
     table = table_of(trials)
     write_atomically(plan.out / f"{TABLE}.csv", lambda file: table.to_csv(file, index=False))
     write_atomically(plan.out / f"{TABLE}.parquet", lambda file: table.to_parquet(file, index=False))
@@ -132,6 +138,7 @@ def write_data(plan: StudyPlan, trials: list[Trial]) -> None:
         "seeds": {f"{one.pattern}/{one.repetition}": one.seed for one in trials},
         "versions": versions("SALib"),
         "commit": commit(),
+        "failed": list(failed),
         "trials": [msgspec.to_builtins(one) for one in trials],
     }
     text = msgspec.json.format(msgspec.json.encode(about), indent=1) + b"\n"

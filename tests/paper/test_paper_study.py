@@ -17,7 +17,7 @@ from experiments.paper.methods import ABLATIONS, IMPROVED, PRINTED, settings_of
 from experiments.paper.study import StudyPlan, read_study, run_study
 from experiments.paper.trial import Trial
 from jaxcalib.calibration.accuracy import MEASURE_OF
-from jaxcalib.calibration.evaluator import Evaluator
+from jaxcalib.calibration.evaluator import AllRunsFailedError, Evaluator
 from jaxcalib.errors import CaseError
 from jaxcalib.progress import Silent
 from jaxcalib.settings import Settings
@@ -90,6 +90,21 @@ def test_a_smaller_selection_drops_nothing_that_was_made(plan: StudyPlan, monkey
     assert len(run_study(fewer, lambda name: nullcontext(Silent()), lambda line: None)) == 8
     about, kept = read_study(plan.out)
     assert (len(kept), set(about["methods"]), about["repetitions"]) == (8, {PRINTED, IMPROVED}, 2)
+
+
+def test_a_trial_whose_runs_fail_is_told_and_the_others_are_made(plan: StudyPlan, monkeypatch: pytest.MonkeyPatch):
+    def run(method: str, pattern: int, repetition: int, *rest: Any, seed: int, **options: Any) -> Any:
+        if (method, pattern, repetition) == (PRINTED, 2, 0):
+            raise AllRunsFailedError("the entrance was full", "")
+        return trial(method, pattern, repetition, seed)
+
+    monkeypatch.setattr(study, "run_trial", run)
+    said: list[str] = []
+    assert len(run_study(plan, lambda name: nullcontext(Silent()), said.append)) == 7
+    assert [line for line in said if "no result" in line] == [
+        f"pattern-2/repetition-0/{PRINTED}: no result, the entrance was full"
+    ]
+    assert read_study(plan.out)[0]["failed"] == [f"pattern-2/repetition-0/{PRINTED}"]
 
 
 def test_a_study_of_another_budget_is_refused(plan: StudyPlan, monkeypatch: pytest.MonkeyPatch):
