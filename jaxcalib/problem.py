@@ -158,8 +158,12 @@ def read_problem(folder: Path | str, *, as_stated: bool = False) -> CalibrationP
     longest_s = max(parts.scenario.duration_s - drive.depart_s for drive in case.drives)
     num_frames = FRAMES_STEP * int(np.ceil((longest_s / FRAME_INTERVAL_S + 2) / FRAMES_STEP))
     fold = WholeDriveFold(tally, num_frames)
-    frames = [drive.frames(FRAME_INTERVAL_S) for drive in drives]
-    check_drives(case, drives, frames, FRAME_INTERVAL_S)
+    field_tally, is_seen = [], []
+    for drive in drives:  # one after the other: frames of all together would fill the memory
+        frames = drive.frames(FRAME_INTERVAL_S)
+        field_tally.append(fold(frames))
+        is_seen.append(bool(np.any(frames.valid)))
+    check_drives(case, drives, is_seen, FRAME_INTERVAL_S)
     return CalibrationProblem(
         case=case,
         parts=parts,
@@ -169,7 +173,7 @@ def read_problem(folder: Path | str, *, as_stated: bool = False) -> CalibrationP
         fold=fold,
         measures=all_measures(tally.settings),
         drives=drives,
-        field_tally=np.stack([fold(one) for one in frames]),
+        field_tally=np.stack(field_tally),
         range_warnings=range_warnings(stated, sensor),
     )
 

@@ -10,7 +10,6 @@ from jaxcalib.errors import CaseError, quote
 from jaxcalib.field_log import DriveLog
 from sim_adapters.scenario import Scenario
 from sim_adapters.world_builder import WorldTemplate
-from surrogate.perception import PerceptionFrame
 
 ROLES: tuple[Role, ...] = ("fit", "held_out")
 LEAST_COVERED = 0.8  # of the route, by a drive that counts as a whole one without a warning
@@ -72,22 +71,20 @@ def check_inflows(template: WorldTemplate) -> None:
             raise CaseError(FILE_NAME, f"input {quote(name)}", expected)
 
 
-def check_drives(
-    case: Case, drives: Sequence[DriveLog], frames: Sequence[PerceptionFrame], frame_interval_s: float
-) -> None:
+def check_drives(case: Case, drives: Sequence[DriveLog], is_seen: Sequence[bool], frame_interval_s: float) -> None:
     """Check that each drive shows something, and one of those to fit the traffic around it.
 
     Args:
         case: for the files' names.
         drives: its drives.
-        frames: of each drive.
+        is_seen: whether a drive has a frame.
         frame_interval_s: time between frames.
 
     Raises:
         CaseError: one shows nothing.
     """
-    for drive, frame in zip(case.drives, frames, strict=True):
-        if not np.any(frame.valid):
+    for drive, one in zip(case.drives, is_seen, strict=True):
+        if not one:
             expected = f"expected rows at the instants that count, every {frame_interval_s:g} s; got none."
             raise CaseError(drive.subject_file, "", expected)
     if not any(len(log.objects.offset_m) for log in drives if log.role == "fit"):

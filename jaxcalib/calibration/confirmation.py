@@ -135,6 +135,7 @@ def confirm(
         unit, origin = polishes[-1].best, f"corrected search {number + 1}"
     if not finalists:
         reasons = "; ".join(sorted({outcome.status.value for outcome in outcomes if not outcome.status.is_ok}))
+        reasons = reasons or "a measure that is matched was never observed in its runs"
         tail = next((outcome.log_tail for outcome in outcomes if outcome.log_tail), "")
         raise AllRunsFailedError(f"the search's result failed in SUMO: {reasons}", tail)
     winner = int(np.argmax([one.accuracy for one in finalists]))

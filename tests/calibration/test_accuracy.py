@@ -4,10 +4,12 @@ import pytest
 from jaxcalib.calibration.accuracy import (
     MEASURE_OF,
     VEHICLE_LEVEL,
+    Effectiveness,
     cut_in_error,
     effectiveness,
     mean_errors,
     noise_floor,
+    vehicle_level_of,
 )
 from jaxcalib.calibration.bootstrap import bootstrap_errors, interval_of
 from jaxcalib.measures.measure import Level, Measure
@@ -97,3 +99,12 @@ def test_an_error_that_the_field_never_shows_has_no_samples():
     samples = bootstrap_errors(MEASURES, NAMES, field, np.stack([tally({})] * 4), 20)
     assert np.isnan(samples["subject_lane_change_distance"]).all()
     assert np.isfinite(samples["vehicle_level"]).all()
+
+
+def test_the_sum_of_simulated_sets_has_the_terms_that_the_field_has():
+    seen = Effectiveness({name: 0.1 for name in MEASURE_OF} | {VEHICLE_LEVEL[2]: None}, {})
+    whole = Effectiveness({name: 0.2 for name in MEASURE_OF}, {})
+    lacking = Effectiveness({name: 0.2 for name in MEASURE_OF} | {VEHICLE_LEVEL[0]: None}, {})
+    (found,) = vehicle_level_of([whole, lacking], seen)
+    assert found == pytest.approx(0.2 * (len(VEHICLE_LEVEL) - 1))
+    assert vehicle_level_of([lacking], seen) == []
