@@ -11,6 +11,7 @@ from surrogate.model_entry import ParameterRangeError, UnknownModelError
 from surrogate.subject.registry import SUBJECT_MODELS, SubjectModel
 
 Role = Literal["fit", "held_out"]
+ROLES: tuple[Role, ...] = ("fit", "held_out")
 
 
 @dataclass(frozen=True)

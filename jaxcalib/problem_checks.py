@@ -4,14 +4,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from jaxcalib.case import Case, Role, ScenarioParts
+from jaxcalib.case import ROLES, Case, ScenarioParts
 from jaxcalib.case_file import FILE_NAME
 from jaxcalib.errors import CaseError, quote
 from jaxcalib.field_log import DriveLog
 from sim_adapters.scenario import Scenario
 from sim_adapters.world_builder import WorldTemplate
 
-ROLES: tuple[Role, ...] = ("fit", "held_out")
 LEAST_COVERED = 0.8  # of the route, by a drive that counts as a whole one without a warning
 
 

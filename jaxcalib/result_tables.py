@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 
 from jaxcalib.calibration.final_errors import (
-    ROLES,
     FinalRuns,
     all_runs_of_role,
     final_errors,
@@ -16,7 +15,7 @@ from jaxcalib.calibration.record import CalibrationRecord
 from jaxcalib.calibration.screening import Screening
 from jaxcalib.calibration.transfer import transfer_of
 from jaxcalib.calibration.uncertainty import parameter_errors
-from jaxcalib.case import Role
+from jaxcalib.case import ROLES, Role
 from jaxcalib.error_tables import change_table, effectiveness_table, part_by_role, vehicle_level_table
 from jaxcalib.measures.measure import MeasureValue
 from jaxcalib.result import CalibrationResult, Interval, SimulationHealth, rounded

@@ -11,8 +11,8 @@ from experiments.paper.methods import NO_CALIBRATION, STATE_OF_THE_ART, settings
 from experiments.paper.trial import TRIAL_FILE, Trial, read_trial, trial_json
 from jaxcalib.calibration.budget import plan_budget
 from jaxcalib.calibration.evaluator import Evaluator
-from jaxcalib.calibration.final_errors import ROLES, FinalRuns, final_errors, runs_of_role, start_final_runs
-from jaxcalib.case import Role
+from jaxcalib.calibration.final_errors import FinalRuns, final_errors, runs_of_role, start_final_runs
+from jaxcalib.case import ROLES, Role
 from jaxcalib.engines import sumo_engine, surrogate_engine
 from jaxcalib.initial_values.initial_point import demand_from_logs
 from jaxcalib.journal import JournaledSumo, JournaledSurrogate, write_atomically

@@ -16,12 +16,10 @@ from jaxcalib.calibration.accuracy import (
 )
 from jaxcalib.calibration.bootstrap import Samples, bootstrap_errors, interval_of
 from jaxcalib.calibration.evaluator import gather
-from jaxcalib.case import Role
+from jaxcalib.case import ROLES, Role
 from jaxcalib.journal import JournaledSumo
 from jaxcalib.problem import CalibrationProblem
 from sim_adapters.interface import RunOutcome, RunRequest
-
-ROLES: tuple[Role, ...] = ("fit", "held_out")
 
 
 @dataclass(frozen=True)
