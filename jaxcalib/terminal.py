@@ -26,6 +26,7 @@ STAGE_NAMES = {
     "report": "report",
 }
 PLAIN_INTERVAL_S = 30.0
+MOST_SHARE = 0.99  # that is shown as done before the end
 SUMO_WEIGHT = 25.0  # a SUMO run takes about as long as so many of the surrogate's
 
 
@@ -80,6 +81,9 @@ class TerminalProgress:
         self._bar.update(self._task, best=self._best)
 
     def _advance(self, amount: float) -> None:
+        task = self._bar.tasks[0]
+        if task.total:  # about so many runs: some parts need more, and nothing is done before it is
+            amount = max(0.0, min(amount, MOST_SHARE * task.total - task.completed))
         self._bar.advance(self._task, amount)
         if time.monotonic() - self._said_at > PLAIN_INTERVAL_S:
             self._say()

@@ -5,7 +5,7 @@ of the diagnosis together would still move a parameter far, it is moved there an
 poor calibration leaves would be taken for an effect.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -92,7 +92,9 @@ class BaselineMaker:
     progress: Progress
 
     def converged(self, values: np.ndarray) -> tuple[Baseline, int]:
-        """Return the baseline that agrees best with the drives to fit, and how many were made.
+        """Return the baseline that agrees best with the drives to fit, with all its runs, and how many were begun.
+
+        Which way to move takes fewer runs than to judge drives by them.
 
         Args:
             values: calibrated values, to begin with.
@@ -100,24 +102,32 @@ class BaselineMaker:
         Raises:
             NotTestableError: the drives show too little.
         """
-        best = self.at(values, None)
-        for number in range(1, MOST_ROUNDS):
-            shift = best.shift
-            if np.max(np.abs(shift)) <= FAR_STEPS:
-                return best, number
-            steps = np.clip(shift, -LONGEST_STEPS, LONGEST_STEPS)
+        best, number = self.at(values, None), 1
+        while number < MOST_ROUNDS and np.max(np.abs(best.shift)) > FAR_STEPS:
+            number += 1
+            steps = np.clip(best.shift, -LONGEST_STEPS, LONGEST_STEPS)
             sizes = parameter_steps(self.problem.layout, best.values)
             try:
                 latest = self.at(moved_values(best.values, sizes, steps), best.runner)
             except (NotTestableError, AllRunsFailedError):
-                return best, number + 1  # too little is seen there, or the subject vehicle finds no way in
+                break  # too little is seen there, or the subject vehicle finds no way in
             if latest.misfit >= best.misfit:
-                return best, number + 1
+                break
             best = latest
-        return best, MOST_ROUNDS
+        return self.whole(best), number
+
+    def whole(self, first: Baseline) -> Baseline:
+        """Return a baseline with all its SUMO runs.
+
+        Raises:
+            NotTestableError: the drives show too little.
+        """
+        self.progress.stage("null")
+        runs = first.in_sumo.whole_null(first.runs)
+        return replace(first, runs=runs, fitted=self._fitted(first.field, runs, first.found))
 
     def at(self, values: np.ndarray, runner: TrialRunner | None) -> Baseline:
-        """Return the baseline at some values.
+        """Return the baseline at some values, with the first of its SUMO runs.
 
         Args:
             values: the values.
@@ -131,7 +141,7 @@ class BaselineMaker:
         features = DriveFeatures(conventions_of(problem), background, subject)
         progress.stage("null")
         in_sumo = SumoRuns(problem, features, values, self.plan, self.stages, self.first_seed, progress.sumo_runs)
-        runs = in_sumo.null()
+        runs = in_sumo.first_null()
         progress.stage("atlas")
         if runner is None:
             runner = trial_runner(problem, features, self.trial_seed)
@@ -141,6 +151,9 @@ class BaselineMaker:
         found = self.stages.tallies(part, lambda: runner.run(slopes, progress.surrogate_runs))
         departs = [drive.depart_s for drive in problem.case.drives]
         field = gather_tallies([features.of_table(table) for table in self.tables], departs)
-        is_fit = np.asarray([drive.role == "fit" for drive in problem.drives])
-        fitted = prepare(problem, field.take(is_fit), runs, found)
+        fitted = self._fitted(field, runs, found)
         return Baseline(values, features, in_sumo, runs, runner, dict(found), field, fitted)
+
+    def _fitted(self, field: DriveTallies, runs: NullRuns, found: Mapping[str, DriveTallies]) -> Prepared:
+        is_fit = np.asarray([drive.role == "fit" for drive in self.problem.drives])
+        return prepare(self.problem, field.take(is_fit), runs, found)

@@ -127,6 +127,17 @@ class DriveTallies:
         return np.where(self.is_logarithmic, moved / np.maximum(ratio, SMALLEST), moved)
 
 
+def joined_tallies(one: DriveTallies, other: DriveTallies) -> DriveTallies:
+    """Return the drives of both, one after the other; what a drive lacks counts as never observed."""
+    cells = tuple(dict.fromkeys(one.cells + other.cells))
+    above, below = np.zeros((2, len(one) + len(other), len(cells)))
+    place = {cell: index for index, cell in enumerate(cells)}
+    for tallies, drives in ((one, slice(0, len(one))), (other, slice(len(one), None))):
+        columns = [place[cell] for cell in tallies.cells]
+        above[drives, columns], below[drives, columns] = tallies.above, tallies.below
+    return DriveTallies(cells, above, below, np.concatenate([one.depart_s, other.depart_s]))
+
+
 def pooled_values(above: np.ndarray, below: np.ndarray, is_logarithmic: np.ndarray) -> np.ndarray:
     """Return features of pooled tallies; leading axes are allowed."""
     with np.errstate(divide="ignore", invalid="ignore"):

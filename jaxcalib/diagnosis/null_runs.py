@@ -93,6 +93,7 @@ def run_null(
     first_seed: int,
     on_runs: Callable[[int], None],
     effects: Mapping[str, EffectSetting] | None = None,
+    first_run: int = 0,
 ) -> NullRuns:
     """Run SUMO with parameter values.
 
@@ -103,9 +104,10 @@ def run_null(
         num_runs: number of runs; departures are those of the drives, in turn.
         num_altered: of how many runs altered versions are counted, too.
         alterations: effect and strength of each.
-        first_seed: seed of the first run.
+        first_seed: seed of run 0.
         on_runs: told of runs done.
         effects: put into the scenario by SUMO's own means; none for the null.
+        first_run: number of the first run, where others were made before.
 
     Raises:
         AllRunsFailedError: more than half of the runs failed.
@@ -134,7 +136,7 @@ def run_null(
     departs = sorted({drive.depart_s for drive in problem.case.drives})
     requests = [
         RunRequest(tuple(float(one) for one in values), first_seed + run, departs[run % len(departs)], effects or {})
-        for run in range(num_runs)
+        for run in range(first_run, first_run + num_runs)
     ]
     outcomes = []
     with SumoSimulator(

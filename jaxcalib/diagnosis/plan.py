@@ -8,7 +8,8 @@ class DiagnosisBudget:
     """Numbers of runs.
 
     Attributes:
-        null_runs: SUMO runs with the calibrated values.
+        first_null_runs: SUMO runs with calibrated values until they are seen to be the ones to stay with.
+        null_runs: SUMO runs with those values in all.
         altered_runs: of how many of them altered versions are counted.
         default_runs: SUMO runs of the scenario as it is.
         slope_runs: surrogate runs of each trial of a parameter.
@@ -18,6 +19,7 @@ class DiagnosisBudget:
         refit_runs: SUMO runs of each iteration of a refit.
     """
 
+    first_null_runs: int
     null_runs: int
     altered_runs: int
     default_runs: int
@@ -35,6 +37,7 @@ def plan_diagnosis(scale: float) -> DiagnosisBudget:
         return max(least, round(number * scale))
 
     return DiagnosisBudget(
+        first_null_runs=scaled(24, 24),
         null_runs=scaled(56, 24),
         altered_runs=scaled(12, 6),
         default_runs=scaled(12, 6),

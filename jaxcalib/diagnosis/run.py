@@ -228,7 +228,7 @@ def _diagnose(
 
     num_surrogate = searched.surrogate.num_runs + sum(len(tallies) for tallies in found.values())
     num_surrogate += (num_baselines - 1) * (2 * num_parameters + 1) * plan.slope_runs
-    num_sumo = len(searched.confirmation.outcomes) + num_baselines * len(runs.plain)
+    num_sumo = len(searched.confirmation.outcomes) + len(runs.plain) + (num_baselines - 1) * plan.first_null_runs
     num_sumo += 0 if default is None else len(default)
     num_sumo += sum(one.num_runs for one in checks) + sum(one.num_sumo_runs for one in refits.values())
     stopwatch.add("reading", 0.0)

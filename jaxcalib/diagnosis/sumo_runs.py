@@ -8,7 +8,7 @@ import numpy as np
 from jaxcalib.calibration.evaluator import AllRunsFailedError
 from jaxcalib.diagnosis.altered_drives import ALTERATIONS
 from jaxcalib.diagnosis.drive_features import DriveFeatures
-from jaxcalib.diagnosis.features import DriveTallies
+from jaxcalib.diagnosis.features import DriveTallies, joined_tallies
 from jaxcalib.diagnosis.null_runs import NullRuns, alterations_of, fine_interval_s, run_null
 from jaxcalib.diagnosis.plan import DiagnosisBudget
 from jaxcalib.diagnosis.stages import Stages
@@ -41,15 +41,15 @@ class SumoRuns:
     first_seed: int
     on_runs: Callable[[int], None]
 
-    def null(self) -> NullRuns:
-        """Return runs with the calibrated values, and altered versions of some."""
+    def first_null(self) -> NullRuns:
+        """Return the first runs with the calibrated values, and altered versions of some: enough to see where to."""
         strengths = {effect.name: _strengths(effect) for effect in EFFECTS}
         alterations = alterations_of(strengths, fine_interval_s(self.problem))
 
         def make() -> dict[str, DriveTallies]:
             runs = run_null(
-                self.problem, self.features, self.values, self.plan.null_runs, self.plan.altered_runs, alterations,
-                self.first_seed + NULL_SEED, self.on_runs,
+                self.problem, self.features, self.values, self.plan.first_null_runs, self.plan.altered_runs,
+                alterations, self.first_seed + NULL_SEED, self.on_runs,
             )  # fmt: skip
             altered = {f"{name} {strength!r}": tallies for (name, strength), tallies in runs.altered.items()}
             return {"": runs.plain} | altered
@@ -57,6 +57,22 @@ class SumoRuns:
         kept = self.stages.tallies(f"null {self._key}", make)
         altered = {(name, strength): kept[f"{name} {strength!r}"] for name, strength in alterations}
         return NullRuns(kept[""], altered)
+
+    def whole_null(self, first: NullRuns) -> NullRuns:
+        """Return all runs with the calibrated values, the first ones among them."""
+        begin = self.plan.first_null_runs
+        if begin >= self.plan.null_runs:
+            return first
+
+        def make() -> dict[str, DriveTallies]:
+            runs = run_null(
+                self.problem, self.features, self.values, self.plan.null_runs - begin, 0, (),
+                self.first_seed + NULL_SEED, self.on_runs, first_run=begin,
+            )  # fmt: skip
+            return {"": runs.plain}
+
+        further = self.stages.tallies(f"further null {self._key}", make)[""]
+        return NullRuns(joined_tallies(first.plain, further), first.altered)
 
     def default(self) -> DriveTallies | None:
         """Return runs of the scenario as it is; None where they fail, for it may fill the entrance."""

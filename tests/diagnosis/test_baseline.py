@@ -27,6 +27,7 @@ class Made(BaselineMaker):
 
     tell: Callable[[np.ndarray], tuple[np.ndarray, float]] = lambda values: (np.zeros(3), 0.0)
     asked: list[np.ndarray] = field(default_factory=list)
+    completed: list[np.ndarray] = field(default_factory=list)
 
     def at(self, values: np.ndarray, runner: TrialRunner | None) -> Baseline:
         """Return what is told of some values."""
@@ -34,6 +35,11 @@ class Made(BaselineMaker):
         self.asked.append(values)
         shift, misfit = self.tell(values)
         return cast(Baseline, SimpleNamespace(values=values, shift=shift, misfit=misfit, runner="program"))
+
+    def whole(self, first: Baseline) -> Baseline:
+        """Keep which one is made in full."""
+        self.completed.append(first.values)
+        return first
 
 
 def made(tell: Callable[[np.ndarray], tuple[np.ndarray, float]]) -> Made:
@@ -56,6 +62,13 @@ def test_what_has_converged_is_made_once():
     baseline, number = maker.converged(BEGIN)
     assert number == len(maker.asked) == 1
     np.testing.assert_array_equal(baseline.values, BEGIN)
+    np.testing.assert_array_equal(maker.completed, [BEGIN])
+
+
+def test_only_the_baseline_that_is_kept_is_made_in_full():
+    maker = made(towards(BEGIN + SIZES * [40.0, 0.0, 0.0]))
+    baseline, _ = maker.converged(BEGIN)
+    np.testing.assert_array_equal(maker.completed, [baseline.values])
 
 
 def test_a_parameter_that_all_features_would_move_far_is_moved():
