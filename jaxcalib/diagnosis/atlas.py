@@ -61,15 +61,15 @@ def parameter_steps(layout: ParameterLayout, values: np.ndarray) -> np.ndarray:
     return np.maximum(np.abs(values) * np.asarray(shares), least)
 
 
-def parameter_trials(layout: ParameterLayout, values: np.ndarray, num_runs: int) -> list[Trial]:
-    """Return the trials for slopes, the baseline first."""
+def parameter_trials(layout: ParameterLayout, values: np.ndarray, num_runs: int, first_run: int = 0) -> list[Trial]:
+    """Return the trials for slopes, the baseline first; runs before the first were made before."""
     steps = parameter_steps(layout, values)
-    trials = [Trial(BASELINE, _tuple(values), num_runs)]
+    trials = [Trial(BASELINE, _tuple(values), num_runs, first_run=first_run)]
     for place, name in enumerate(layout.names):
         for sign in (1.0, -1.0):
             moved = values.copy()
             moved[place] = max(moved[place] + sign * steps[place], 0.0)
-            trials.append(Trial(f"{name} {sign:+.0f}", _tuple(moved), num_runs))
+            trials.append(Trial(f"{name} {sign:+.0f}", _tuple(moved), num_runs, first_run=first_run))
     return trials
 
 

@@ -16,7 +16,7 @@ from jaxcalib.diagnosis.conventions import conventions_of, expected_drivers
 from jaxcalib.diagnosis.drive_features import DriveFeatures
 from jaxcalib.diagnosis.drive_table import DriveTable
 from jaxcalib.diagnosis.explained_runs import moved_values
-from jaxcalib.diagnosis.features import DriveTallies, gather_tallies
+from jaxcalib.diagnosis.features import DriveTallies, gather_tallies, joined_tallies
 from jaxcalib.diagnosis.investigation import NotTestableError, Prepared, prepare
 from jaxcalib.diagnosis.ledger import parameter_shift
 from jaxcalib.diagnosis.null_runs import NullRuns
@@ -117,17 +117,22 @@ class BaselineMaker:
         return self.whole(best), number
 
     def whole(self, first: Baseline) -> Baseline:
-        """Return a baseline with all its SUMO runs.
+        """Return a baseline with all its runs.
 
         Raises:
             NotTestableError: the drives show too little.
         """
         self.progress.stage("null")
-        runs = first.in_sumo.whole_null(first.runs)
-        return replace(first, runs=runs, fitted=self._fitted(first.field, runs, first.found))
+        runs, found = first.in_sumo.whole_null(first.runs), first.found
+        begin = self.plan.first_slope_runs
+        if begin < self.plan.slope_runs:
+            self.progress.stage("atlas")
+            further = self._slopes(first.values, first.runner, self.plan.slope_runs - begin, begin)
+            found = {name: joined_tallies(tallies, further[name]) for name, tallies in found.items()}
+        return replace(first, runs=runs, found=found, fitted=self._fitted(first.field, runs, found))
 
     def at(self, values: np.ndarray, runner: TrialRunner | None) -> Baseline:
-        """Return the baseline at some values, with the first of its SUMO runs.
+        """Return the baseline at some values, with the first of its runs.
 
         Args:
             values: the values.
@@ -146,13 +151,18 @@ class BaselineMaker:
         if runner is None:
             runner = trial_runner(problem, features, self.trial_seed)
         runner = replace(runner, features=features)
-        slopes = parameter_trials(problem.layout, values, self.plan.slope_runs)
-        part = f"slopes {values.tolist()!r}"
-        found = self.stages.tallies(part, lambda: runner.run(slopes, progress.surrogate_runs))
+        found = self._slopes(values, runner, self.plan.first_slope_runs, 0)
         departs = [drive.depart_s for drive in problem.case.drives]
         field = gather_tallies([features.of_table(table) for table in self.tables], departs)
         fitted = self._fitted(field, runs, found)
-        return Baseline(values, features, in_sumo, runs, runner, dict(found), field, fitted)
+        return Baseline(values, features, in_sumo, runs, runner, found, field, fitted)
+
+    def _slopes(
+        self, values: np.ndarray, runner: TrialRunner, num_runs: int, first_run: int
+    ) -> dict[str, DriveTallies]:
+        trials = parameter_trials(self.problem.layout, values, num_runs, first_run)
+        part = f"slopes {values.tolist()!r} from run {first_run}"
+        return self.stages.tallies(part, lambda: runner.run(trials, self.progress.surrogate_runs))
 
     def _fitted(self, field: DriveTallies, runs: NullRuns, found: Mapping[str, DriveTallies]) -> Prepared:
         is_fit = np.asarray([drive.role == "fit" for drive in self.problem.drives])

@@ -18,6 +18,8 @@ from sim_adapters.sumo_effects import is_expressible
 from surrogate.effects.base import EffectSetting
 
 LEAST_VALUE_SHARE = 0.3  # of a calibrated value
+SLOPE_SHARE = 0.5  # of the runs of a point: slopes only say where to go on
+FEWEST_SLOPE_RUNS = 8
 STRENGTH_DROP = 0.3  # of the strength: over which the change with strength is measured; no stronger, shares end at 1
 
 
@@ -136,10 +138,10 @@ class ExplainedRunner:
         values = moved_values(self.values, self._step_sizes, steps)
         here = self._trial(signature, values, strength)
         moved = [values + self._step_sizes * (np.arange(len(values)) == place) for place in range(len(values))]
-        away = [self._trial(signature, one, strength) for one in moved]
+        away = [self._trial(signature, one, strength, SLOPE_SHARE) for one in moved]
         widths = [1.0] * len(away)
         if not signature.is_fixed:
-            away.append(self._trial(signature, values, (1.0 - STRENGTH_DROP) * strength))
+            away.append(self._trial(signature, values, (1.0 - STRENGTH_DROP) * strength, SLOPE_SHARE))
             widths.append(-STRENGTH_DROP * strength)
         found = self.run_trials([here, *away])
         slopes = known.copy()
@@ -153,10 +155,12 @@ class ExplainedRunner:
     def _step_sizes(self) -> np.ndarray:
         return parameter_steps(self.problem.layout, self.values)
 
-    def _trial(self, signature: Signature, values: np.ndarray, strength: float) -> Trial:
+    def _trial(self, signature: Signature, values: np.ndarray, strength: float, share: float = 1.0) -> Trial:
         setting = _setting(signature, strength)
         told = tuple(float(one) for one in values)
-        return Trial(f"{signature.effect} {setting!r} {told!r}", told, self.num_runs, {signature.effect: setting})
+        num_runs = max(FEWEST_SLOPE_RUNS, round(share * self.num_runs))
+        name = f"{signature.effect} {setting!r} {told!r} x{num_runs}"
+        return Trial(name, told, num_runs, {signature.effect: setting})
 
 
 def _setting(signature: Signature, strength: float) -> EffectSetting:

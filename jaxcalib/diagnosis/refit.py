@@ -5,7 +5,8 @@ values. A strong effect is neither: with it in, other parameter values fit, ofte
 to hide it, and there it does something else. So the best few are run with the strength and the values that the drives
 to fit ask for, and what those drives still differ by from these runs corrects both (`descent.py`): first in the
 surrogate, whose runs are cheap, by what effect and values change there; then in SUMO where it can express the effect.
-Where steps do not lead to an agreement, they begin again at what the calibration's search finds with the effect in.
+Where steps do not lead to an agreement, they begin again at what the calibration's search finds with the effect in,
+or at what fits with a better explanation: whichever it was, what calibration had bent to hide it is straight there.
 How well each of them fits then is evidence between them beside that of the signatures, and how far the gap shrinks
 is measured from real runs.
 """
@@ -35,7 +36,7 @@ from jaxcalib.diagnosis.sumo_check import CHECKED_EXACTNESS, NUM_CHECKED, WITHIN
 from surrogate.effects.registry import effect_named
 
 MOST_SURROGATE_POINTS = 8
-MOST_SUMO_POINTS, OTHERS_SUMO_POINTS = 4, 2  # of the best explanation, and of those close behind it
+MOST_SUMO_POINTS, OTHERS_SUMO_POINTS = 3, 2  # of the best explanation, and of those close behind it
 PRIOR_SHARE = 0.7  # of the contest's strength: how far it may be off
 LEAST_SHARE = 0.3  # of the contest's strength
 TANGENT_SHARE = 0.25  # of the strength: over which the change with strength is measured
@@ -175,6 +176,7 @@ def refit(
     signatures: Sequence[Signature],
     maker: MakesRuns,
     most_sumo_points: int = MOST_SUMO_POINTS,
+    known_steps: np.ndarray | None = None,
 ) -> Refit | None:
     """Return the refit of an explanation; None where its runs fail.
 
@@ -184,6 +186,8 @@ def refit(
         signatures: of its effect; they say how features change with the strength.
         maker: makes runs from a signature, the shift of the parameters, in steps, and the size of the strength.
         most_sumo_points: how often SUMO is run at most.
+        known_steps: shift of the parameters, in steps, that fits with another explanation: where to begin anew, which
+            saves a search.
     """
     assert best.shift is not None
     signature, strength = signature_behind(signatures, best), abs(best.strength)
@@ -205,7 +209,8 @@ def refit(
 
     found = descent_from(at, slopes, maker.in_surrogate, MOST_SURROGATE_POINTS)
     if found is not None and found.nearest.square > most_misfit(len(best.shift)):
-        steps = maker.recalibrated(signature, course.there(found.nearest.at)[1])
+        strength_there = course.there(found.nearest.at)[1]
+        steps = maker.recalibrated(signature, strength_there) if known_steps is None else known_steps
         if steps is not None:
             elsewhere = np.append(steps / unit[:-1], found.nearest.at[-1])
             other = descent_from(elsewhere, found.slopes, maker.in_surrogate, MOST_SURROGATE_POINTS)

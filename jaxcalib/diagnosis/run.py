@@ -130,8 +130,8 @@ def _diagnose(
         try:
             baseline, num_baselines = making.converged(searched.values)
         except NotTestableError as error:
-            num_sumo = len(searched.confirmation.outcomes) + plan.null_runs
-            num_surrogate = searched.surrogate.num_runs + (2 * num_parameters + 1) * plan.slope_runs
+            num_sumo = len(searched.confirmation.outcomes) + plan.first_null_runs
+            num_surrogate = searched.surrogate.num_runs + (2 * num_parameters + 1) * plan.first_slope_runs
             wall_s = stopwatch.wall_s | {"total": journal.clock() - began}
             counts = {"surrogate": num_surrogate, "sumo": num_sumo}
             diagnosis = refuse(problem, searched.values, str(error), counts, wall_s)
@@ -208,9 +208,10 @@ def _diagnose(
         progress.stage("refit")
 
         def run_explained(several: Sequence[Trial]) -> Mapping[str, DriveTallies]:
-            """Return tallies of trials, with the baseline's."""
-            part = f"explained {key} {[one.name for one in several]!r}"
-            found.update(stages.tallies(part, lambda: runner.run(several, progress.surrogate_runs)))
+            """Return tallies of trials, with the baseline's; those made before are not made again."""
+            fresh = [one for one in several if one.name not in found]
+            part = f"explained {key} {[one.name for one in fresh]!r}"
+            found.update(stages.tallies(part, lambda: runner.run(fresh, progress.surrogate_runs)))
             return found
 
         with stopwatch.time("refit"):
@@ -218,16 +219,18 @@ def _diagnose(
             maker = ExplainedRunner(
                 problem, values, in_sumo, fitted.null, recalibrator.values, run_explained, plan.effect_runs
             )
+            found_steps = None
             for rank, one in enumerate(contenders(explained, signatures)):
                 most_points = OTHERS_SUMO_POINTS if rank else MOST_SUMO_POINTS
-                refitted = refit(fitted, one, signatures[one.name], maker, most_points)
+                refitted = refit(fitted, one, signatures[one.name], maker, most_points, found_steps)
                 if refitted is not None:
                     refits[one.name] = refitted
+                    found_steps = refitted.steps if found_steps is None else found_steps
             explained = without_needless_unknown(with_refits(explained, refits), len(fitted.null.cells))
             verdict = judge(explained, gain, len(fitted.null.cells), shift, few_drives, aliased)
 
     num_surrogate = searched.surrogate.num_runs + sum(len(tallies) for tallies in found.values())
-    num_surrogate += (num_baselines - 1) * (2 * num_parameters + 1) * plan.slope_runs
+    num_surrogate += (num_baselines - 1) * (2 * num_parameters + 1) * plan.first_slope_runs
     num_sumo = len(searched.confirmation.outcomes) + len(runs.plain) + (num_baselines - 1) * plan.first_null_runs
     num_sumo += 0 if default is None else len(default)
     num_sumo += sum(one.num_runs for one in checks) + sum(one.num_sumo_runs for one in refits.values())

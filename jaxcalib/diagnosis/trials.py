@@ -25,12 +25,14 @@ class Trial:
         values: parameter vector.
         num_runs: number of runs; the same seeds for all trials.
         effects: effects by name.
+        first_run: number of the first run, where others of the same trial were made before.
     """
 
     name: str
     values: tuple[float, ...]
     num_runs: int
     effects: Mapping[str, EffectSetting] = field(default_factory=dict)
+    first_run: int = 0
 
 
 @dataclass(frozen=True)
@@ -58,7 +60,7 @@ class TrialRunner:
         requests = [
             RunRequest(trial.values, self.first_seed + run, self.departs_s[run % len(self.departs_s)], trial.effects)
             for trial in trials
-            for run in range(trial.num_runs)
+            for run in range(trial.first_run, trial.first_run + trial.num_runs)
         ]
         books: list[TallyBook] = []
         for begin in range(0, len(requests), RUNS_PER_CALL):

@@ -16,6 +16,7 @@ from surrogate.lane_change.base import STAY, LaneChangeDecision
 from surrogate.neighbours import take
 from surrogate.perception import PerceptionFrame, in_order
 from surrogate.road import Road
+from surrogate.tiles import most_of_batch
 from surrogate.traffic_state import VehicleArrays, with_changes
 from surrogate.vehicle_class import CarFollowingMix, VehicleClass
 
@@ -175,18 +176,23 @@ def sensed(
     effects: Effects, frame: PerceptionFrame, memory: SensorMemory, seed: Int[Array, ""]
 ) -> tuple[PerceptionFrame, SensorMemory]:
     """Return a frame as the sensors report it."""
-    memory = dict(memory)
-    for effect in EFFECTS:
-        if effect.sense is not None:
-            frame, after = effect.sense(effects.dial(effect.name), frame, memory.get(effect.name, {}), seed)
-            if effect.watch is not None:
-                memory[effect.name] = after
     names = [effect.name for effect in EFFECTS if effect.sense is not None or effect.appear is not None]
     if not names:
         return frame, memory
     is_disturbed = jnp.any(jnp.stack([effects.dial(name).is_on for name in names]))
-    ordered_frame = in_order(frame)
-    return jax.tree.map(lambda new, old: jnp.where(is_disturbed, new, old), ordered_frame, frame), memory
+
+    def disturbed() -> tuple[PerceptionFrame, SensorMemory]:
+        seen, later = frame, dict(memory)
+        for effect in EFFECTS:
+            if effect.sense is not None:
+                seen, after = effect.sense(effects.dial(effect.name), seen, later.get(effect.name, {}), seed)
+                if effect.watch is not None:
+                    later[effect.name] = after
+        return jax.tree.map(lambda new, old: jnp.where(is_disturbed, new, old), in_order(seen), seen), later
+
+    # the same for all runs of a batch, so that one without such effects is spared the work
+    is_any_disturbed = most_of_batch(is_disturbed.astype(jnp.int32)) > 0
+    return jax.lax.cond(is_any_disturbed, disturbed, lambda: (frame, dict(memory)))
 
 
 def sense_drive(frames: PerceptionFrame, effects: Effects, seed: Int[Array, ""]) -> PerceptionFrame:

@@ -134,6 +134,11 @@ def test_where_steps_do_not_lead_to_an_agreement_the_search_begins_again():
     assert again is not None
     assert again.misfit < 0.7 * alone.misfit
     np.testing.assert_allclose(again.steps, STEPS + far, atol=1.0)
+    maker.asked.clear()
+    beside = refit(moved, best, [signature()], maker, known_steps=STEPS + far)
+    assert "recalibrated" not in maker.asked
+    assert beside is not None
+    np.testing.assert_array_equal(beside.steps, again.steps)
 
 
 def test_features_that_runs_do_not_show_come_from_the_signature():

@@ -50,6 +50,17 @@ def test_without_effects_frames_stay_as_they_are() -> None:
         assert np.asarray(before).tobytes() == after.tobytes()
 
 
+def test_a_drive_is_the_same_whatever_sensors_see_the_others_of_its_batch() -> None:
+    frames, several = drive(TIMES_S), [{}, {"sensor_latency": 0.55}, {"sensor_noise": 0.4}]
+    settings = [effects_of({name: EffectSetting(strength) for name, strength in one.items()}) for one in several]
+    stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves), *settings)
+    together = jax.device_get(jax.jit(jax.vmap(sense_drive, (None, 0, None)))(frames, stacked, jnp.asarray(SEED)))
+    for place, one in enumerate(several):
+        mine, alone = jax.tree.map(lambda leaf, place=place: leaf[place], together), sensed(frames, **one)
+        for here, there in zip(jax.tree.leaves(mine), jax.tree.leaves(alone), strict=True):
+            np.testing.assert_array_equal(here, there)
+
+
 def test_bias_scales_every_distance_and_nothing_else() -> None:
     frames = drive(TIMES_S)
     after = sensed(frames, gap_sensor_bias=0.05)
