@@ -81,6 +81,7 @@ class BaselineMaker:
         trial_seed: of the surrogate's.
         tables: the drives.
         progress: told of runs.
+        bounds: least and largest value of each parameter; features bent by an effect must not lead beyond them.
     """
 
     problem: CalibrationProblem
@@ -90,6 +91,7 @@ class BaselineMaker:
     trial_seed: int
     tables: Sequence[DriveTable]
     progress: Progress
+    bounds: tuple[np.ndarray, np.ndarray]
 
     def converged(self, values: np.ndarray) -> tuple[Baseline, int]:
         """Return the baseline that agrees best with the drives to fit, with all its runs, and how many were begun.
@@ -107,8 +109,9 @@ class BaselineMaker:
             number += 1
             steps = np.clip(best.shift, -LONGEST_STEPS, LONGEST_STEPS)
             sizes = parameter_steps(self.problem.layout, best.values)
+            moved = np.clip(moved_values(best.values, sizes, steps), *self.bounds)
             try:
-                latest = self.at(moved_values(best.values, sizes, steps), best.runner)
+                latest = self.at(moved, best.runner)
             except (NotTestableError, AllRunsFailedError):
                 break  # too little is seen there, or the subject vehicle finds no way in
             if latest.misfit >= best.misfit:

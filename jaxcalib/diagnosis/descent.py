@@ -52,26 +52,27 @@ class Target:
         noise: covariance of what drives may differ by from runs, for runs and their features with standard errors.
         low: bounds, in prior deviations.
         high: likewise.
+        center: where the prior stays around.
     """
 
     drives: np.ndarray
     noise: Callable[[ExplainedRuns, np.ndarray], np.ndarray]
     low: np.ndarray
     high: np.ndarray
+    center: np.ndarray
 
     def point(self, at: np.ndarray, runs: ExplainedRuns, features: np.ndarray, error: np.ndarray) -> Point:
         """Return a point where runs were made."""
         noise = self.noise(runs, error)
         left = self.drives - features
-        square = float(left @ np.linalg.solve(noise, left) + at @ at)
+        away = at - self.center
+        square = float(left @ np.linalg.solve(noise, left) + away @ away)
         return Point(at, runs, features, noise, square + float(np.linalg.slogdet(noise)[1]), square)
 
     def step(self, point: Point, slopes: np.ndarray, longest: float) -> tuple[np.ndarray, float]:
-        """Return the most likely further step inside the bounds, and by how much it lowers the loss if slopes hold.
-
-        The prior stays around 0.
-        """
-        pull = slopes.T @ np.linalg.solve(point.noise, self.drives - point.features) - point.at
+        """Return the most likely further step inside the bounds, and by how much it lowers the loss if slopes hold."""
+        away = point.at - self.center
+        pull = slopes.T @ np.linalg.solve(point.noise, self.drives - point.features) - away
         steepness = precision(point.noise, slopes)
         step = _shortened(np.linalg.solve(steepness, pull), longest)
         step = np.clip(point.at + step, self.low, self.high) - point.at

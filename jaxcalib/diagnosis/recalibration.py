@@ -53,7 +53,7 @@ class Recalibrator:
     Attributes:
         problem: the problem.
         searched: the search without effects.
-        base: values without effects that the diagnosis goes on from.
+        base: values that came of that search, once SUMO had corrected them.
         budget: its numbers of runs.
         seed: of the diagnosis.
         journal: of the runs made.

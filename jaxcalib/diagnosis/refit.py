@@ -202,22 +202,26 @@ def refit(
         return maker.slopes(signature, *course.there(at), known / unit) * unit
 
     # with the effect in the runs, no signature is stretched any more: what is left is that the road's has another form
-    target = Target(fitted.difference, course.noise_of(min(signature.exactness, CHECKED_EXACTNESS)), low, high)
+    noise = course.noise_of(min(signature.exactness, CHECKED_EXACTNESS))
+    target = Target(fitted.difference, noise, low, high, np.zeros_like(at))
 
-    def descent_from(at: np.ndarray, slopes: np.ndarray, make: _Makes, most_points: int) -> Descent | None:
-        return descend(target, at, slopes, course.run_with(make), measure_slopes, most_points)
+    def descent_to(target: Target, at: np.ndarray, slopes: np.ndarray, make: _Makes, points: int) -> Descent | None:
+        return descend(target, at, slopes, course.run_with(make), measure_slopes, points)
 
-    found = descent_from(at, slopes, maker.in_surrogate, MOST_SURROGATE_POINTS)
+    found = descent_to(target, at, slopes, maker.in_surrogate, MOST_SURROGATE_POINTS)
     if found is not None and found.nearest.square > most_misfit(len(best.shift)):
         strength_there = course.there(found.nearest.at)[1]
         steps = maker.recalibrated(signature, strength_there) if known_steps is None else known_steps
         if steps is not None:
+            # what a calibration leaves open lies around its own result, with the effect in as without
+            anew = replace(target, center=np.append(steps / unit[:-1], 0.0))
             elsewhere = np.append(steps / unit[:-1], found.nearest.at[-1])
-            other = descent_from(elsewhere, found.slopes, maker.in_surrogate, MOST_SURROGATE_POINTS)
-            found = other if other is not None and other.nearest.loss < found.nearest.loss else found
+            other = descent_to(anew, elsewhere, found.slopes, maker.in_surrogate, MOST_SURROGATE_POINTS)
+            if other is not None and other.nearest.loss < found.nearest.loss:
+                found, target = other, anew
     if found is not None:
         slopes, at = found.slopes, found.nearest.at + found.step
-    in_sumo = descent_from(at, slopes, maker.in_sumo, most_sumo_points)
+    in_sumo = descent_to(target, at, slopes, maker.in_sumo, most_sumo_points)
     num_sumo_runs = 0 if in_sumo is None else in_sumo.num_runs
     found = in_sumo or found
     if found is None:

@@ -38,7 +38,7 @@ from jaxcalib.engines import (
     surrogate_engine,
 )
 from jaxcalib.journal import JournaledSumo
-from jaxcalib.pipeline import MOST_SEED, SEEDS_PER_CALIBRATION, Stopwatch, search_values
+from jaxcalib.pipeline import MOST_SEED, SEEDS_PER_CALIBRATION, SearchedValues, Stopwatch, search_values
 from jaxcalib.problem import CalibrationProblem, drives_to_fit, read_problem
 from jaxcalib.progress import Progress, Silent
 from jaxcalib.run_folder import RunFolder, identify, open_run_folder
@@ -126,7 +126,9 @@ def _diagnose(
     is_fit = np.asarray([drive.role == "fit" for drive in problem.drives])
     with stopwatch.time("baseline"):
         tables = [drive_table(drive.frames(interval_s), interval_s) for drive in problem.drives]
-        making = BaselineMaker(problem, plan, stages, first_seed, first_seed + TRIAL_SEED, tables, progress)
+        making = BaselineMaker(
+            problem, plan, stages, first_seed, first_seed + TRIAL_SEED, tables, progress, _bounds(searched)
+        )
         try:
             baseline, num_baselines = making.converged(searched.values)
         except NotTestableError as error:
@@ -215,7 +217,7 @@ def _diagnose(
             return found
 
         with stopwatch.time("refit"):
-            recalibrator = Recalibrator(seen, searched, values, calibration, seed, journal, progress)
+            recalibrator = Recalibrator(seen, searched, searched.values, calibration, seed, journal, progress)
             maker = ExplainedRunner(
                 problem, values, in_sumo, fitted.null, recalibrator.values, run_explained, plan.effect_runs
             )
@@ -261,3 +263,10 @@ def _diagnose(
 
     run_folder.write_text("diagnosis.html", report_html(findings, diagnosis))
     return diagnosis
+
+
+def _bounds(searched: SearchedValues) -> tuple[np.ndarray, np.ndarray]:
+    """Return the driver parameters' ranges; inflows may turn out to lie beyond those that the search looked at."""
+    space = searched.initial.space
+    is_inflow = np.arange(len(space.lower)) < space.layout.num_inputs
+    return np.where(is_inflow, 0.0, space.lower), np.where(is_inflow, np.inf, space.upper)

@@ -19,6 +19,7 @@ LAYOUT = ParameterLayout(("main",), (("f",),), ("car",), ("tau", "accel"))
 PROBLEM = cast(CalibrationProblem, SimpleNamespace(layout=LAYOUT))
 BEGIN = np.asarray([3000.0, 1.1, 1.4])
 SIZES = parameter_steps(LAYOUT, BEGIN)
+BOUNDS = np.asarray([0.0, 0.4, 0.3]), np.asarray([np.inf, 3.0, 5.0])
 
 
 @dataclass(frozen=True)
@@ -44,7 +45,7 @@ class Made(BaselineMaker):
 
 def made(tell: Callable[[np.ndarray], tuple[np.ndarray, float]]) -> Made:
     nothing: Any = None
-    return Made(PROBLEM, nothing, nothing, 0, 0, (), nothing, tell)
+    return Made(PROBLEM, nothing, nothing, 0, 0, (), nothing, BOUNDS, tell)
 
 
 def towards(goal: np.ndarray, share: float = 1.0) -> Callable[[np.ndarray], tuple[np.ndarray, float]]:
@@ -86,6 +87,14 @@ def test_steps_are_bounded_and_so_is_their_number():
     first = maker.asked[1]
     np.testing.assert_allclose(first, BEGIN + SIZES * [LONGEST_STEPS, 0.0, 0.0])
     np.testing.assert_array_equal(baseline.values, maker.asked[-1])
+
+
+def test_nothing_is_moved_beyond_its_range():
+    maker = made(towards(BEGIN + SIZES * [-4.0, 60.0, -50.0]))
+    baseline, _ = maker.converged(np.asarray([3000.0, 2.9, 0.35]))
+    assert maker.asked[1][0] < 3000.0
+    np.testing.assert_allclose(maker.asked[1][1:], [3.0, 0.3])
+    np.testing.assert_array_equal(baseline.values[1:], [3.0, 0.3])
 
 
 def test_a_move_that_agrees_worse_is_taken_back():

@@ -19,8 +19,8 @@ RUNS = ExplainedRuns(DriveTallies(CELLS, np.ones((4, SIZE)), np.ones((4, SIZE)),
 Features = Callable[[np.ndarray], np.ndarray | None]
 
 
-def target(drives: np.ndarray, low: np.ndarray = -FREE, high: np.ndarray = FREE) -> Target:
-    return Target(drives, lambda runs, error: np.eye(SIZE) + np.diag(error**2), low, high)
+def target(drives: np.ndarray, low=-FREE, high=FREE, center=(0.0, 0.0, 0.0)) -> Target:
+    return Target(drives, lambda runs, error: np.eye(SIZE) + np.diag(error**2), low, high, np.asarray(center))
 
 
 def reach(features: Features, goal: Target, slopes: np.ndarray, most: int = 8, start=(0.0, 0.0, 0.0)) -> Descent | None:
@@ -40,11 +40,14 @@ def reach(features: Features, goal: Target, slopes: np.ndarray, most: int = 8, s
     return descend(goal, np.asarray(start), slopes, run, measure, most)
 
 
-@given(st.lists(st.floats(-2.0, 2.0), min_size=3, max_size=3))
-def test_a_linear_problem_ends_at_the_ridge_solution(where: list[float]):
+NUMBERS = st.lists(st.floats(-2.0, 2.0), min_size=3, max_size=3)
+
+
+@given(NUMBERS, NUMBERS)
+def test_a_linear_problem_ends_at_the_ridge_solution_around_the_prior(where: list[float], center: list[float]):
     drives = SLOPES @ np.asarray(where)
-    found = reach(lambda at: SLOPES @ at, target(drives), SLOPES)
-    ridge = np.linalg.solve(SLOPES.T @ SLOPES / 1.0001 + np.eye(3), SLOPES.T @ drives / 1.0001)
+    found = reach(lambda at: SLOPES @ at, target(drives, center=center), SLOPES)
+    ridge = np.linalg.solve(SLOPES.T @ SLOPES / 1.0001 + np.eye(3), SLOPES.T @ drives / 1.0001 + np.asarray(center))
     assert found is not None
     np.testing.assert_allclose(found.nearest.at + found.step, ridge, atol=1e-6)
 
