@@ -16,6 +16,7 @@ from jaxcalib.diagnosis.baseline import BaselineMaker
 from jaxcalib.diagnosis.conclusion import conclude, refuse
 from jaxcalib.diagnosis.contest import Contest, best_gain, without_needless_unknown
 from jaxcalib.diagnosis.drive_table import drive_table
+from jaxcalib.diagnosis.evidence import most_misfit
 from jaxcalib.diagnosis.explained_runs import ExplainedRunner
 from jaxcalib.diagnosis.features import DriveTallies
 from jaxcalib.diagnosis.findings import Findings
@@ -221,13 +222,14 @@ def _diagnose(
             maker = ExplainedRunner(
                 problem, values, in_sumo, fitted.null, recalibrator.values, run_explained, plan.effect_runs
             )
-            found_steps = None
+            found_steps = None  # those of the first that fits: the others need no search of their own
             for rank, one in enumerate(contenders(explained, signatures)):
                 most_points = OTHERS_SUMO_POINTS if rank else MOST_SUMO_POINTS
                 refitted = refit(fitted, one, signatures[one.name], maker, most_points, found_steps)
                 if refitted is not None:
                     refits[one.name] = refitted
-                    found_steps = refitted.steps if found_steps is None else found_steps
+                    if found_steps is None and refitted.misfit <= most_misfit(len(fitted.null.cells)):
+                        found_steps = refitted.steps
             explained = without_needless_unknown(with_refits(explained, refits), len(fitted.null.cells))
             verdict = judge(explained, gain, len(fitted.null.cells), shift, few_drives, aliased)
 
