@@ -178,6 +178,7 @@ def key_of(engine: str, request: RunRequest) -> str:
     """Return a name for a run in an engine; the same for the same run, whenever it is made."""
     text = f"{engine} {request.seed} {request.depart_s!r} " + " ".join(repr(float(value)) for value in request.values)
     text += "".join(f" {name} {setting!r}" for name, setting in sorted(request.effects.items()))
+    text += f" also {sorted(request.also_depart_s)!r}" if request.also_depart_s else ""
     return hashlib.sha256(text.encode()).hexdigest()
 
 

@@ -62,12 +62,15 @@ class RunRequest:
         seed: seed of the run.
         depart_s: when the subject vehicle departs.
         effects: unmodelled effects by name; only a simulator with effects can have any.
+        also_depart_s: when further subject vehicles of the same run depart; requests that differ in nothing but which
+            of its subject vehicles they ask for are answered by one run. Only SUMO can have any.
     """
 
     values: tuple[float, ...]
     seed: int
     depart_s: float
     effects: Mapping[str, EffectSetting] = field(default_factory=dict)
+    also_depart_s: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -84,7 +87,7 @@ class RunOutcome:
         num_teleports: vehicles that the simulator removed.
         num_subject_overlaps: steps in which a replayed subject vehicle overlaps another vehicle.
         num_vehicle_steps: vehicles on the road, summed over steps; 0 where it is not counted.
-        wall_s: computing time of this run alone, where it is known.
+        wall_s: computing time of this run alone, where it is known; its share where one run answered several requests.
         log_tail: the simulator's last words if it failed.
     """
 

@@ -144,12 +144,14 @@ class JaxSimulator:
         leaves that room to those after it.
 
         Raises:
-            ValueError: a request names effects, but this simulator has none.
+            ValueError: a request names effects, but this simulator has none, or several subject vehicles.
             UnknownEffectError: a request names one that there is not.
             TooLargeBatchError: a batch does not fit into the devices' memory.
         """
         if not self._has_effects and any(request.effects for request in requests):
             raise ValueError("Expected requests without effects; a simulator from `with_effects()` takes them.")
+        if any(request.also_depart_s for request in requests):
+            raise ValueError("Expected requests with one subject vehicle each; only SUMO's runs can have several.")
         outcomes = self._run_all(requests)
         while sum(outcome.status is Status.OVERFULL for outcome in outcomes) > self._most_overfull_share * len(
             outcomes

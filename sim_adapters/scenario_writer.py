@@ -8,6 +8,7 @@ import re
 import shutil
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
+from copy import deepcopy
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,6 +17,7 @@ import numpy as np
 from sim_adapters.demand_file import Flow
 from sim_adapters.interface import ParameterLayout
 from sim_adapters.scenario import Scenario
+from sim_adapters.shared_runs import subject_names
 from sim_adapters.sumo_effects import Draft, put_into
 from sim_adapters.sumo_files import read_xml
 from sim_adapters.units import SECONDS_PER_HOUR
@@ -44,7 +46,7 @@ def write_scenario(
     scenario: Scenario,
     layout: ParameterLayout,
     values: Sequence[float],
-    depart_s: float,
+    depart_s: float | Sequence[float],
     subject_vehicle: str,
     folder: Path,
     name: str = "calibrated",
@@ -60,8 +62,8 @@ def write_scenario(
         scenario: what to write.
         layout: meaning of the values.
         values: parameter values.
-        depart_s: when the subject vehicle departs.
-        subject_vehicle: its id.
+        depart_s: when the subject vehicle departs; several departures, in order, for as many subject vehicles.
+        subject_vehicle: id of the scenario's subject vehicle; further ones are named by `subject_names`.
         folder: where to write; must exist.
         name: part of the files' names.
         copy_net: whether to copy the network into the folder, so that the folder can be given away.
@@ -89,7 +91,8 @@ def write_scenario(
         if element.tag == "flow" and element.get("id") in rates:
             _set_rate(element, scenario.flow_by_id[element.get("id", "")], rates[element.get("id", "")])
         if element.get("id") == subject_vehicle and element.tag in ("vehicle", "trip"):
-            element.set("depart", _text(depart_s))
+            elements += _subjects(element, [depart_s] if isinstance(depart_s, float | int) else depart_s)
+            continue
         elements.append(element)
     all_rates = {flow.id: rates.get(flow.id, flow.rate_vehps) for flow in scenario.flows}
     draft = Draft(scenario, elements, seed, all_rates)
@@ -121,6 +124,19 @@ def flow_rates_vehps(scenario: Scenario, layout: ParameterLayout, values: Sequen
         factor = values[index] / SECONDS_PER_HOUR / max(float(np.sum(base)), 1e-12)
         rates |= {flow: rate * factor for flow, rate in zip(flows, base, strict=True)}
     return rates
+
+
+def _subjects(element: ET.Element, departs_s: Sequence[float]) -> list[ET.Element]:
+    """Return the subject vehicle once for each departure."""
+    found = []
+    for name, depart_s in zip(subject_names(element.get("id", ""), departs_s), departs_s, strict=True):
+        one = deepcopy(element)
+        one.set("id", name)
+        one.set("depart", _text(depart_s))
+        if found:  # SUMO keeps the option that names the first from one run of a process to the next
+            ET.SubElement(one, "param", key="has.fcd.device", value="true")
+        found.append(one)
+    return found
 
 
 def _set_attributes(vtype: ET.Element, values: Mapping[str, float]) -> None:

@@ -80,8 +80,8 @@ class Driver(Protocol):
 def driver_of(libsumo: Any, control: SubjectControl, job: SumoJob) -> Driver:
     """Return who drives the subject vehicle of a job."""
     if control.log is not None:
-        return SumoReplay(libsumo, control.log, job.subject_vehicle, control.step_s, job.lane_place)
-    return SumoDriver(libsumo, control, job.subject_vehicle, job.radius_m, job.lane_place)
+        return SumoReplay(libsumo, control.log, job.subject_vehicles[0], control.step_s, job.lane_place)
+    return SumoDriver(libsumo, control, job.subject_vehicles[0], job.radius_m, job.lane_place)
 
 
 def subject_control(

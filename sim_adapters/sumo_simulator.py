@@ -8,6 +8,7 @@ import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Protocol
 
@@ -18,6 +19,7 @@ from sim_adapters.frame_table import ObjectTable, SubjectTable, stack_frames
 from sim_adapters.interface import ParameterLayout, RunOutcome, RunRequest, Status
 from sim_adapters.scenario import Scenario
 from sim_adapters.scenario_writer import write_scenario
+from sim_adapters.shared_runs import departures_s, shared_runs, subject_names
 from sim_adapters.sumo_distant import DistantTypes
 from sim_adapters.sumo_driver import SubjectControl
 from sim_adapters.sumo_worker import SumoJob, SumoRun, begin_worker, run_job
@@ -143,21 +145,31 @@ class SumoSimulator:
 
     def submit(self, requests: Sequence[RunRequest]) -> Iterator[Callable[[], RunOutcome]]:
         """Start runs in the background and return, for each, what waits for its outcome."""
-        pending = [_Pending(self, request) for request in requests]
-        return iter([one.outcome for one in pending])
+        waiting: dict[int, Callable[[], RunOutcome]] = {}
+        for numbers in shared_runs(requests):
+            pending = _Pending(self, requests[numbers[0]], len(numbers))
+            waiting |= {number: partial(pending.outcome, requests[number]) for number in numbers}
+        return iter([waiting[number] for number in range(len(requests))])
 
     def start(self, request: RunRequest) -> tuple[Path, Future[SumoRun]]:
-        """Write a run's files and hand it to the pool."""
+        """Write a run's files and hand it to the pool.
+
+        Raises:
+            ValueError: several subject vehicles, but SUMO alone does not drive them.
+        """
+        departs_s, control = departures_s(request), self._control(request)
+        if len(departs_s) > 1 and (control is not None or self._distant is not None):
+            raise ValueError("Expected one subject vehicle where SUMO is told how it, or who is far from it, drives.")
         folder = Path(tempfile.mkdtemp(prefix="run-", dir=self._scratch))
         written = write_scenario(
-            self._scenario, self._layout, request.values, request.depart_s, self._subject_vehicle, folder, "run",
+            self._scenario, self._layout, request.values, departs_s, self._subject_vehicle, folder, "run",
             effects=request.effects, seed=request.seed,
         )  # fmt: skip
         job = SumoJob(
             config=written.config,
             folder=folder,
             seed=request.seed,
-            subject_vehicle=self._subject_vehicle,
+            subject_vehicles=subject_names(self._subject_vehicle, departs_s),
             end_s=self._end_s,
             radius_m=max(self._sensor.ahead_m, self._sensor.behind_m) + RADIUS_MARGIN_M,
             frame_interval_s=self._frame_interval_s,
@@ -165,20 +177,27 @@ class SumoSimulator:
             entrance_of_flow=self._entrance_of_flow,
             num_entrances=len(self._scenario.entrances),
             counted_edges=self._counter.edges if self._counter else (),
-            control=self._control(request),
+            control=control,
             distant=self._distant,
         )
         return folder, self._pool.schedule(run_job, args=(job,), timeout=self._longest_run_s)
 
-    def outcome_of(self, request: RunRequest, run: SumoRun) -> RunOutcome:
-        """Return the outcome of a run that came to its end."""
+    def outcome_of(self, request: RunRequest, run: SumoRun, num_sharing: int = 1) -> RunOutcome:
+        """Return the outcome of a run that came to its end.
+
+        Args:
+            request: what was asked of it.
+            run: what is left of it.
+            num_sharing: requests that it answers.
+        """
         status, observed = Status.OK, None
+        subject = departures_s(request).index(request.depart_s)
         if self._counter is not None:
             observed = self._counter(run.passed_s)
-        elif not len(run.time_s):
+        elif not np.any(run.vehicle == -1 - subject):
             status = Status.SUBJECT_MISSING
         else:
-            observed = np.asarray(self._fold(self.frames_of(run)))
+            observed = np.asarray(self._fold(self.frames_of(run, subject)))
             status = Status.OK if np.isfinite(observed).all() else Status.NONFINITE
         return RunOutcome(
             request=request,
@@ -190,7 +209,7 @@ class SumoSimulator:
             num_subject_overlaps=run.num_subject_overlaps,
             num_teleports=run.num_teleports,
             num_vehicle_steps=run.num_vehicle_steps,
-            wall_s=run.wall_s,
+            wall_s=run.wall_s / num_sharing,
         )
 
     def failure_of(self, request: RunRequest, log_tail: str) -> RunOutcome:
@@ -206,9 +225,9 @@ class SumoSimulator:
             log_tail=log_tail,
         )
 
-    def frames_of(self, run: SumoRun) -> PerceptionFrame:
-        """Return what the subject vehicle detected in a run."""
-        is_subject = run.vehicle == -1
+    def frames_of(self, run: SumoRun, number: int = 0) -> PerceptionFrame:
+        """Return what a subject vehicle, the first unless told, detected in a run; others are vehicles like any."""
+        is_subject = run.vehicle == -1 - number
         subject = SubjectTable(
             time_s=run.time_s[is_subject],
             position_m=run.position_m[is_subject],
@@ -218,43 +237,61 @@ class SumoSimulator:
             lateral_m=run.lateral_m[is_subject],
             num_lanes=np.zeros(int(is_subject.sum())),
         )
-        instant = np.searchsorted(subject.time_s, run.time_s[~is_subject])
+        is_there = ~is_subject & np.isin(run.time_s, subject.time_s)
+        instant = np.searchsorted(subject.time_s, run.time_s[is_there])
         objects = ObjectTable(
             instant=instant,
-            track=run.vehicle[~is_subject],
-            row=run.row[~is_subject],
-            offset_m=run.position_m[~is_subject] - subject.position_m[instant],
-            speed_mps=run.speed_mps[~is_subject],
-            lateral_m=run.lateral_m[~is_subject],
+            track=np.where(run.vehicle < 0, run.vehicle.max(initial=0) - run.vehicle, run.vehicle)[is_there],
+            row=run.row[is_there],
+            offset_m=run.position_m[is_there] - subject.position_m[instant],
+            speed_mps=run.speed_mps[is_there],
+            lateral_m=run.lateral_m[is_there],
         )
         return stack_frames(subject, objects, self._sensor.ahead_m, self._sensor.behind_m)
 
 
 class _Pending:
-    """A run that has been started."""
+    """A run that has been started, for one request or for several."""
 
-    def __init__(self, simulator: SumoSimulator, request: RunRequest) -> None:
+    def __init__(self, simulator: SumoSimulator, request: RunRequest, num_sharing: int) -> None:
         self._simulator = simulator
         self._request = request
+        self._num_sharing = num_sharing
+        self._folder: Path
+        self._future: Future[SumoRun] | None
         self._folder, self._future = simulator.start(request)
+        self._run: SumoRun | str | None = None
+        self._num_to_answer = num_sharing
 
-    def outcome(self) -> RunOutcome:
-        """Wait for the run; make it again if its worker died; return what came of it."""
+    def outcome(self, request: RunRequest) -> RunOutcome:
+        """Wait for the run and return what came of it for one of its requests."""
+        if self._run is None:
+            self._run = self._made()
+        run = self._run
+        self._num_to_answer -= 1
+        if not self._num_to_answer:
+            self._run = None
+        if isinstance(run, str):
+            return self._simulator.failure_of(request, run)
+        return self._simulator.outcome_of(request, run, self._num_sharing)
+
+    def _made(self) -> SumoRun | str:
+        """Wait for the run; make it again if its worker died; return SUMO's last words if it failed for good."""
         problem = tail = ""
         for attempt in range(TRIES):
             if attempt:
                 log.warning("SUMO run with seed %d failed (%s); trying it again", self._request.seed, problem)
                 self._folder, self._future = self._simulator.start(self._request)
+            future, self._future = self._future, None  # it would keep the run
+            assert future is not None
             try:
-                run = self._future.result()
+                return future.result()
             except Exception as error:
                 problem = f"{type(error).__name__}: {error}"
                 tail = _log_tail(self._folder)
-            else:
-                return self._simulator.outcome_of(self._request, run)
             finally:
                 shutil.rmtree(self._folder, ignore_errors=True)
-        return self._simulator.failure_of(self._request, f"{problem}\n{tail}")
+        return f"{problem}\n{tail}"
 
 
 def _lane_places(scenario: Scenario) -> dict[str, tuple[int, float, bool]]:

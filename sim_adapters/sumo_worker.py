@@ -30,22 +30,23 @@ class SumoJob:
         config: configuration to run.
         folder: where outputs go; removed by whoever made it.
         seed: SUMO's seed.
-        subject_vehicle: id of the subject vehicle.
+        subject_vehicles: ids of the subject vehicles, by departure.
         end_s: when the run ends at the latest.
-        radius_m: distance from the subject vehicle up to which vehicles are written.
+        radius_m: distance from a subject vehicle up to which vehicles are written.
         frame_interval_s: time between two frames.
         lane_place: row, begin on the route's axis, and whether it is carriageway, of each lane.
         entrance_of_flow: number of the entrance of each flow.
         num_entrances: number of entrances.
         counted_edges: edges at whose end vehicles are counted; with any, the run goes on to its end.
-        control: how to drive the subject vehicle; None where SUMO does.
-        distant: which vehicles follow by another vType beyond the sensors' range; None where none does.
+        control: how to drive the subject vehicle, of which there is one then; None where SUMO does.
+        distant: which vehicles follow by another vType beyond the sensors' range, of one subject vehicle then; None
+            where none does.
     """
 
     config: Path
     folder: Path
     seed: int
-    subject_vehicle: str
+    subject_vehicles: tuple[str, ...]
     end_s: float
     radius_m: float
     frame_interval_s: float
@@ -63,7 +64,7 @@ class SumoRun:
 
     Attributes:
         time_s: time of the frame.
-        vehicle: number of the vehicle by first detection; -1 is the subject vehicle.
+        vehicle: number of the vehicle by first detection; -1 is the first subject vehicle, -2 the next.
         row: row of the road.
         position_m: front bumper on the route's axis.
         speed_mps: speed.
@@ -125,7 +126,7 @@ def run_job(job: SumoJob) -> SumoRun:
         *("--no-step-log", "true", "--duration-log.disable", "true", "--no-warnings", "true"),
         *("--error-log", str(job.folder / "errors.log")),
         *("--fcd-output", str(output), "--precision", "6"),
-        *("--device.fcd.explicit", job.subject_vehicle, "--device.fcd.radius", str(job.radius_m)),
+        *("--device.fcd.explicit", job.subject_vehicles[0], "--device.fcd.radius", str(job.radius_m)),
         *("--device.fcd.period", str(job.frame_interval_s), "--fcd-output.acceleration", "true"),
         *("--fcd-output.attributes", "id,lane,pos,speed,acceleration,posLat"),
     ]
@@ -152,7 +153,8 @@ def _step_until_subject_left(libsumo, job: SumoJob) -> dict:
     num_collisions = num_overlaps = num_teleports = num_vehicle_steps = num_frames = 0
     step_s = simulation.getDeltaT()
     steps_per_frame = max(1, round(job.frame_interval_s / step_s))
-    has_entered = has_left = False
+    to_come, on_the_way = set(job.subject_vehicles), set()
+    has_left = False
     passed: dict[str, list[float]] = {edge: [] for edge in job.counted_edges}
     on_edge: dict[str, set[str]] = {edge: set() for edge in job.counted_edges}
     driver = None
@@ -162,13 +164,14 @@ def _step_until_subject_left(libsumo, job: SumoJob) -> dict:
         driver = driver_of(libsumo, job.control, job)
     switch = None
     if job.distant is not None:
-        switch = TypeSwitch(libsumo, job.distant, job.subject_vehicle, job.radius_m, job.lane_place)
+        switch = TypeSwitch(libsumo, job.distant, job.subject_vehicles[0], job.radius_m, job.lane_place)
     for step in range(round(job.end_s / step_s)):
         if switch is not None and not has_left:
             switch.before_step(step)
         if driver is not None and not has_left:
-            has_entered = has_entered or driver.enters(step)
-            has_left = has_entered and not driver.before_step(step)
+            if to_come and driver.enters(step):
+                on_the_way, to_come = to_come, set()
+            has_left = bool(on_the_way) and not driver.before_step(step)
             if has_left and not job.counted_edges:
                 break
         libsumo.simulationStep()
@@ -178,21 +181,24 @@ def _step_until_subject_left(libsumo, job: SumoJob) -> dict:
             entrance = job.entrance_of_flow.get(departed.rpartition(".")[0])
             if entrance is not None:
                 inserted[entrance] += 1
-            has_entered |= departed == job.subject_vehicle
+            if departed in to_come:
+                to_come.remove(departed)
+                on_the_way.add(departed)
         num_collisions += simulation.getCollidingVehiclesNumber()
         if driver is not None:
-            num_overlaps += job.subject_vehicle in simulation.getCollidingVehiclesIDList()
+            num_overlaps += job.subject_vehicles[0] in simulation.getCollidingVehiclesIDList()
         num_teleports += simulation.getStartingTeleportNumber()
         num_vehicle_steps += vehicles.getIDCount()
         for edge, before in on_edge.items():
             now = set(libsumo.edge.getLastStepVehicleIDs(edge))
             passed[edge] += [simulation.getTime()] * len(before - now)
             on_edge[edge] = now
-        if has_entered and not has_left:
-            has_left = job.subject_vehicle in simulation.getArrivedIDList()
+        if on_the_way and not has_left:
+            on_the_way.difference_update(simulation.getArrivedIDList())
+            has_left = not on_the_way and not to_come
             if has_left and not job.counted_edges:
                 break
-            num_frames += not has_left and step % steps_per_frame == 0
+            num_frames += bool(on_the_way) and step % steps_per_frame == 0
     arrived = inserted.copy()
     for waiting in simulation.getPendingVehicles():
         entrance = job.entrance_of_flow.get(waiting.rpartition(".")[0])
@@ -211,7 +217,8 @@ def _step_until_subject_left(libsumo, job: SumoJob) -> dict:
 
 
 def _read_frames(output: Path, job: SumoJob) -> dict[str, np.ndarray]:
-    number: dict[str, int] = {job.subject_vehicle: -1}
+    number = {name: -1 - place for place, name in enumerate(job.subject_vehicles)}
+    num_subjects = len(number)
     rows: list[tuple[float, ...]] = []
     with output.open(newline="", encoding="utf-8") as file:
         reader = csv.DictReader(file, delimiter=";")
@@ -221,14 +228,14 @@ def _read_frames(output: Path, job: SumoJob) -> dict[str, np.ndarray]:
                 continue
             place = job.lane_place.get(line["vehicle_lane"])
             if place is None or not place[2]:
-                if name != job.subject_vehicle:
+                if name not in job.subject_vehicles:
                     continue
                 raise TruncatedOutputError(f"the subject vehicle is on lane '{line['vehicle_lane']}', off its route")
             row, start_m, _ = place
             rows.append(
                 (
                     float(line["timestep_time"]),
-                    number.setdefault(name, len(number) - 1),
+                    number.setdefault(name, len(number) - num_subjects),
                     row,
                     start_m + float(line["vehicle_pos"]),
                     float(line["vehicle_speed"]),

@@ -1,0 +1,48 @@
+"""One SUMO run with several subject vehicles: most of a run is the traffic that fills the road before any of them."""
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+from sim_adapters.interface import RunRequest
+
+
+def departures_s(request: RunRequest) -> tuple[float, ...]:
+    """Return when the subject vehicles of a run depart, in order."""
+    return tuple(sorted({request.depart_s, *request.also_depart_s}))
+
+
+def subject_names(vehicle: str, departs_s: Sequence[float]) -> tuple[str, ...]:
+    """Return the ids of a run's subject vehicles, by departure; the first keeps the scenario's own.
+
+    Args:
+        vehicle: id of the scenario's subject vehicle.
+        departs_s: departures, in order.
+    """
+    return (vehicle, *(f"{vehicle}.subject{number}" for number in range(1, len(departs_s))))
+
+
+def shared_runs(requests: Sequence[RunRequest]) -> list[list[int]]:
+    """Return the numbers of the requests that one run answers together, in the order of their first ones."""
+    found: dict[tuple, list[int]] = {}
+    for number, request in enumerate(requests):
+        effects = tuple((name, repr(setting)) for name, setting in request.effects.items())
+        # a run with one subject vehicle is made as often as it is asked for
+        alone = number if not request.also_depart_s else None
+        key = (request.values, request.seed, departures_s(request), effects, alone)
+        found.setdefault(key, []).append(number)
+    return list(found.values())
+
+
+def departures_apart(departs_s: Sequence[float], least_apart_s: float) -> list[tuple[float, ...]]:
+    """Return departures dealt to as few runs as keep those of one run apart, as evenly as that allows.
+
+    Args:
+        departs_s: departures, each once.
+        least_apart_s: time between two departures of one run, at least.
+    """
+    ordered = sorted(departs_s)
+    for num_runs in range(1, len(ordered)):
+        dealt = [tuple(ordered[first::num_runs]) for first in range(num_runs)]
+        if all(later - earlier >= least_apart_s for run in dealt for earlier, later in pairwise(run)):
+            return dealt
+    return [(depart_s,) for depart_s in ordered]
