@@ -2,7 +2,8 @@
 
 Nothing is tested before the recalibration has converged. The calibration matches its own measures; where all features
 of the diagnosis together would still move a parameter far, it is moved there and everything is made again. Else what a
-poor calibration leaves would be taken for an effect.
+poor calibration leaves would be taken for an effect. How far to go is found out in the surrogate, whose runs are cheap:
+by what the move changes there.
 """
 
 from collections.abc import Mapping, Sequence
@@ -19,18 +20,20 @@ from jaxcalib.diagnosis.explained_runs import moved_values
 from jaxcalib.diagnosis.features import DriveTallies, gather_tallies, joined_tallies
 from jaxcalib.diagnosis.investigation import NotTestableError, Prepared, prepare
 from jaxcalib.diagnosis.ledger import parameter_shift
+from jaxcalib.diagnosis.noise import NullModel
 from jaxcalib.diagnosis.null_runs import NullRuns
 from jaxcalib.diagnosis.plan import DiagnosisBudget
 from jaxcalib.diagnosis.stages import Stages
 from jaxcalib.diagnosis.sumo_runs import SumoRuns
 from jaxcalib.diagnosis.trial_engine import trial_runner
-from jaxcalib.diagnosis.trials import TrialRunner
+from jaxcalib.diagnosis.trials import Trial, TrialRunner, has_pairs, paired_difference
 from jaxcalib.problem import CalibrationProblem
 from jaxcalib.progress import Progress
 
 MOST_ROUNDS = 3
 FAR_STEPS = 3.0  # beyond them a linear shift of parameters is no longer to be trusted
 LONGEST_STEPS = 5.0  # that a parameter is moved at once
+MOST_MOVES = 3  # in the surrogate, before SUMO runs where they led
 
 
 @dataclass(frozen=True)
@@ -65,8 +68,22 @@ class Baseline:
     @property
     def misfit(self) -> float:
         """Mean squared misfit of a feature, after that shift, in units of noise."""
-        difference, null = self.fitted.difference, self.fitted.null
-        return float(difference @ np.linalg.solve(null.covariance, difference)) / len(difference)
+        return _misfit(self.fitted.difference, self.fitted.null)
+
+
+@dataclass(frozen=True)
+class Converged:
+    """Where baselines led.
+
+    Attributes:
+        baseline: the one to stay with.
+        num_baselines: how many were begun.
+        num_surrogate_runs: runs of the surrogate that the others took, and the way between them.
+    """
+
+    baseline: Baseline
+    num_baselines: int
+    num_surrogate_runs: int
 
 
 @dataclass(frozen=True)
@@ -93,8 +110,8 @@ class BaselineMaker:
     progress: Progress
     bounds: tuple[np.ndarray, np.ndarray]
 
-    def converged(self, values: np.ndarray) -> tuple[Baseline, int]:
-        """Return the baseline that agrees best with the drives to fit, with all its runs, and how many were begun.
+    def converged(self, values: np.ndarray) -> Converged:
+        """Return the baseline that agrees best with the drives to fit, with all its runs.
 
         Which way to move takes fewer runs than to judge drives by them.
 
@@ -104,20 +121,65 @@ class BaselineMaker:
         Raises:
             NotTestableError: the drives show too little.
         """
-        best, number = self.at(values, None), 1
+        best, number, num_moves = self.at(values, None), 1, 0
         while number < MOST_ROUNDS and np.max(np.abs(best.shift)) > FAR_STEPS:
+            values, tried = self.moved(best)
+            num_moves += tried
+            if np.array_equal(values, best.values):
+                break
             number += 1
-            steps = np.clip(best.shift, -LONGEST_STEPS, LONGEST_STEPS)
-            sizes = parameter_steps(self.problem.layout, best.values)
-            moved = np.clip(moved_values(best.values, sizes, steps), *self.bounds)
             try:
-                latest = self.at(moved, best.runner)
+                latest = self.at(values, best.runner)
             except (NotTestableError, AllRunsFailedError):
                 break  # too little is seen there, or the subject vehicle finds no way in
             if latest.misfit >= best.misfit:
                 break
             best = latest
-        return self.whole(best), number
+        slope_runs = (2 * len(values) + 1) * self.plan.first_slope_runs
+        return Converged(self.whole(best), number, (number - 1) * slope_runs + num_moves * 2 * self.plan.slope_runs)
+
+    def moved(self, best: Baseline) -> tuple[np.ndarray, int]:
+        """Return the values to which the drives to fit would move a baseline, and how many moves were tried.
+
+        After each move the surrogate says what it changed; what the drives still differ by asks for the next one. A
+        move that does not come nearer is not made.
+
+        Args:
+            best: a baseline.
+        """
+        null, difference, values = best.fitted.null, best.fitted.difference, best.values
+        sizes = parameter_steps(self.problem.layout, values)
+        num_tried = 0
+        while num_tried < MOST_MOVES:
+            shift = parameter_shift(difference, null)
+            if np.max(np.abs(shift)) <= FAR_STEPS:
+                break
+            further = moved_values(values, sizes, np.clip(shift, -LONGEST_STEPS, LONGEST_STEPS))
+            further = np.clip(further, *self.bounds)
+            change = self._change(best, further)
+            num_tried += 1
+            if change is None or _misfit(best.fitted.difference - change, null) >= _misfit(difference, null):
+                break
+            values, difference = further, best.fitted.difference - change
+        return values, num_tried
+
+    def _change(self, best: Baseline, values: np.ndarray) -> np.ndarray | None:
+        """Return by how much features of the surrogate change from a baseline's values to others, in units of noise.
+
+        None where runs fail.
+        """
+        num_runs = self.plan.slope_runs
+        trials = [
+            Trial(f"at {told!r}", told, num_runs)
+            for told in (tuple(float(one) for one in each) for each in (best.values, values))
+        ]
+        part = f"move {best.values.tolist()!r} to {values.tolist()!r}"
+        found = self.stages.tallies(part, lambda: best.runner.run(trials, self.progress.surrogate_runs))
+        here, there = (found[one.name] for one in trials)
+        if not has_pairs(there, here):
+            return None
+        null = best.fitted.null
+        return paired_difference(there, here, null.cells)[0] / null.deviation
 
     def whole(self, first: Baseline) -> Baseline:
         """Return a baseline with all its runs.
@@ -170,3 +232,7 @@ class BaselineMaker:
     def _fitted(self, field: DriveTallies, runs: NullRuns, found: Mapping[str, DriveTallies]) -> Prepared:
         is_fit = np.asarray([drive.role == "fit" for drive in self.problem.drives])
         return prepare(self.problem, field.take(is_fit), runs, found)
+
+
+def _misfit(difference: np.ndarray, null: NullModel) -> float:
+    return float(difference @ np.linalg.solve(null.covariance, difference)) / len(difference)

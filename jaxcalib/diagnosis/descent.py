@@ -122,7 +122,7 @@ def descend(
         made = run(at)
         point = None
         if made is not None:
-            num_runs += len(made[0].with_effect)
+            num_runs += made[0].with_effect.num_runs
             point = target.point(at, *made)
         if nearest is None:
             if point is None:

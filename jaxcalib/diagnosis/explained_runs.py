@@ -46,11 +46,11 @@ class ExplainedRuns:
             return shift / null.deviation, error / null.deviation
         seen = on_cells(self.with_effect, null.cells)
         shift = null.standardised(seen.values())
-        error = self.deviation(null, len(seen))
+        error = self.deviation(null, seen.num_independent)
         is_known = np.isfinite(shift) & (seen.below.sum(axis=0) > 0)
         return np.where(is_known, shift, 0.0), np.where(is_known, error, np.inf)
 
-    def deviation(self, null: NullModel, num_drives: int) -> np.ndarray:
+    def deviation(self, null: NullModel, num_drives: float) -> np.ndarray:
         """Return the deviation of the features of so many drives with the effect, in units of the null's noise."""
         seen = on_cells(self.with_effect, null.cells)
         runs = seen.below.sum(axis=1) > 0

@@ -86,12 +86,14 @@ class DriveTallies:
         above: numerators, [drive, feature].
         below: denominators, [drive, feature].
         depart_s: when each drive's subject vehicle departs.
+        run: number of the run that holds each drive; None where each has a run of its own.
     """
 
     cells: tuple[Cell, ...]
     above: np.ndarray
     below: np.ndarray
     depart_s: np.ndarray
+    run: np.ndarray | None = None
 
     def __len__(self) -> int:
         """Return the number of drives."""
@@ -99,17 +101,41 @@ class DriveTallies:
 
     def take(self, drives: np.ndarray | Sequence[int]) -> "DriveTallies":
         """Return some of the drives."""
-        return DriveTallies(self.cells, self.above[drives], self.below[drives], self.depart_s[drives])
+        run = None if self.run is None else self.run[drives]
+        return DriveTallies(self.cells, self.above[drives], self.below[drives], self.depart_s[drives], run)
 
     def keep(self, features: np.ndarray) -> "DriveTallies":
         """Return some of the features."""
         cells = tuple(cell for cell, kept in zip(self.cells, features, strict=True) if kept)
-        return DriveTallies(cells, self.above[:, features], self.below[:, features], self.depart_s)
+        return DriveTallies(cells, self.above[:, features], self.below[:, features], self.depart_s, self.run)
 
     @property
     def is_logarithmic(self) -> np.ndarray:
         """Whether the logarithm of each feature is judged."""
         return np.asarray([cell.is_logarithmic for cell in self.cells], bool)
+
+    @property
+    def num_runs(self) -> int:
+        """How many runs hold the drives."""
+        return len(self) if self.run is None else len(np.unique(self.run))
+
+    @property
+    def num_independent(self) -> float:
+        """How many drives with a run of their own would make the mean as certain; drives of one run share its jams.
+
+        Source: Kish (1965), Survey Sampling, sec. 5.4; the design effect, over all features alike, since that of one
+        feature is as uncertain as its runs are few.
+        """
+        num_drives, num_runs = len(self), self.num_runs
+        if self.run is None or not 1 < num_runs < num_drives:
+            return float(num_runs)
+        influence = np.nan_to_num(self.influence())
+        together = np.zeros((num_runs, influence.shape[1]))
+        np.add.at(together, np.unique(self.run, return_inverse=True)[1], influence)
+        alone = (influence**2).sum(axis=0) * num_drives / (num_drives - 1)
+        shared = (together**2).sum(axis=0) * num_runs / (num_runs - 1)
+        design_effect = np.mean(shared[alone > 0] / alone[alone > 0]) if np.any(alone > 0) else 1.0
+        return num_drives / float(np.clip(design_effect, 1.0, num_drives / num_runs))
 
     def values(self) -> np.ndarray:
         """Return the features of all drives pooled; nan where nothing was seen."""
@@ -135,7 +161,11 @@ def joined_tallies(one: DriveTallies, other: DriveTallies) -> DriveTallies:
     for tallies, drives in ((one, slice(0, len(one))), (other, slice(len(one), None))):
         columns = [place[cell] for cell in tallies.cells]
         above[drives, columns], below[drives, columns] = tallies.above, tallies.below
-    return DriveTallies(cells, above, below, np.concatenate([one.depart_s, other.depart_s]))
+    depart_s = np.concatenate([one.depart_s, other.depart_s])
+    if one.run is None and other.run is None:
+        return DriveTallies(cells, above, below, depart_s)
+    first, second = (np.arange(len(each)) if each.run is None else each.run for each in (one, other))
+    return DriveTallies(cells, above, below, depart_s, np.concatenate([first, second + first.max(initial=-1) + 1]))
 
 
 def pooled_values(above: np.ndarray, below: np.ndarray, is_logarithmic: np.ndarray) -> np.ndarray:
@@ -145,10 +175,13 @@ def pooled_values(above: np.ndarray, below: np.ndarray, is_logarithmic: np.ndarr
         return np.where(is_logarithmic, np.log(np.maximum(ratio, SMALLEST)), ratio)
 
 
-def gather_tallies(books: Iterable[TallyBook], depart_s: Sequence[float]) -> DriveTallies:
+def gather_tallies(
+    books: Iterable[TallyBook], depart_s: Sequence[float], run: Sequence[int] | None = None
+) -> DriveTallies:
     """Return the tallies of drives; what a drive lacks counts as never observed."""
     books = list(books)
     cells = tuple(dict.fromkeys(cell for book in books for cell in book.sums))
     table = np.asarray([[book.sums.get(cell, (0.0, 0.0)) for cell in cells] for book in books])
     table = table.reshape(len(books), len(cells), 2)  # nothing at all, where all runs failed
-    return DriveTallies(cells, table[..., 0], table[..., 1], np.asarray(depart_s, float))
+    numbers = None if run is None else np.asarray(run, int)
+    return DriveTallies(cells, table[..., 0], table[..., 1], np.asarray(depart_s, float), numbers)

@@ -89,7 +89,7 @@ def on_cells(tallies: DriveTallies, cells: tuple[Cell, ...]) -> DriveTallies:
     for index, cell in enumerate(cells):
         if cell in place:
             above[:, index], below[:, index] = tallies.above[:, place[cell]], tallies.below[:, place[cell]]
-    return DriveTallies(cells, above, below, tallies.depart_s)
+    return DriveTallies(cells, above, below, tallies.depart_s, tallies.run)
 
 
 def observed_cells(field: DriveTallies, null: DriveTallies) -> tuple[Cell, ...]:
@@ -148,7 +148,7 @@ def null_model(
     spread = influence.std(axis=0, ddof=1)
     per_drive = null.below.mean(axis=0)
     rarer = np.maximum(per_drive / np.maximum(field_below / num_drives, 1e-12), 1.0)
-    chance = spread * np.sqrt(rarer / num_drives + 1.0 / len(null))
+    chance = spread * np.sqrt(rarer / num_drives + 1.0 / null.num_independent)
     chance = chance * heavy_tail(influence, more_influence, num_drives)
     poisson = np.asarray([is_count(cell) for cell in cells])
     clump = np.asarray([rows_per_event(cell) for cell in cells])

@@ -1,5 +1,6 @@
 """SUMO with the calibrated values, seen through the same sensors: what the field would look like without any effect."""
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -13,6 +14,7 @@ from jaxcalib.diagnosis.features import DriveTallies, TallyBook, gather_tallies
 from jaxcalib.diagnosis.identities import count_identities
 from jaxcalib.problem import CalibrationProblem
 from sim_adapters.interface import RunRequest
+from sim_adapters.shared_runs import departures_apart, departures_s
 from sim_adapters.sumo_simulator import SensorRange, SumoSimulator
 from surrogate.effects.base import EffectSetting
 from surrogate.perception import PerceptionFrame
@@ -20,6 +22,10 @@ from surrogate.perception import PerceptionFrame
 MOST_FAILED_SHARE = 0.5
 RHYTHM_S = (0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.2, 1.5)
 LANE_CHANGE_S = (1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0)
+LEAST_APART_S = 40.0  # between subject vehicles of one run: they do not see each other unless traffic hardly moves
+FURTHER_WORTH = (
+    0.7  # in drives with a run of their own: what each further drive of a run tells; 0.75 on case 13, with jams
+)
 
 
 @dataclass(frozen=True)
@@ -83,6 +89,21 @@ def alterations_of(strengths: Mapping[str, Sequence[float]], interval_s: float) 
     return chosen
 
 
+def departures_of_runs(problem: CalibrationProblem) -> list[tuple[float, ...]]:
+    """Return the drives' departures, dealt to runs with several subject vehicles each."""
+    return departures_apart(sorted({drive.depart_s for drive in problem.case.drives}), LEAST_APART_S)
+
+
+def num_runs_for(problem: CalibrationProblem, num_drives: int) -> int:
+    """Return how many runs tell as much as so many drives with a run of their own."""
+    dealt = departures_of_runs(problem)
+    per_run = sum(len(departs_s) for departs_s in dealt) / len(dealt)
+    if per_run == 1.0:
+        return num_drives
+    num_runs = math.ceil(num_drives / (1.0 + FURTHER_WORTH * (per_run - 1.0)))
+    return len(dealt) * math.ceil(num_runs / len(dealt))  # each departure equally often
+
+
 def run_null(
     problem: CalibrationProblem,
     features: DriveFeatures,
@@ -102,7 +123,7 @@ def run_null(
         features: what is counted.
         values: parameter values.
         num_runs: number of runs; departures are those of the drives, in turn.
-        num_altered: of how many runs altered versions are counted, too.
+        num_altered: of how many drives altered versions are counted, too.
         alterations: effect and strength of each.
         first_seed: seed of run 0.
         on_runs: told of runs done.
@@ -133,11 +154,12 @@ def run_null(
 
     fold = TableFold(interval_s, count)
     perception = problem.case.perception
-    departs = sorted({drive.depart_s for drive in problem.case.drives})
-    requests = [
-        RunRequest(tuple(float(one) for one in values), first_seed + run, departs[run % len(departs)], effects or {})
-        for run in range(first_run, first_run + num_runs)
-    ]
+    dealt, told = departures_of_runs(problem), tuple(float(one) for one in values)
+    requests = []
+    for run in range(first_run, first_run + num_runs):
+        departs_s = dealt[run % len(dealt)]
+        also_s = departs_s if len(departs_s) > 1 else ()
+        requests += [RunRequest(told, first_seed + run, depart_s, effects or {}, also_s) for depart_s in departs_s]
     outcomes = []
     with SumoSimulator(
         scenario=problem.scenario,
@@ -148,17 +170,18 @@ def run_null(
         frame_interval_s=interval_s,
         end_s=problem.parts.scenario.duration_s,
     ) as simulator:
-        for wait in simulator.submit(requests):
+        for request, wait in zip(requests, simulator.submit(requests), strict=True):
             outcomes.append(wait())
-            on_runs(1)
+            on_runs(int(request.depart_s == departures_s(request)[-1]))
     good = [outcome for outcome in outcomes if outcome.status.is_ok]
-    if len(good) < (1.0 - MOST_FAILED_SHARE) * num_runs:
+    if len(good) < (1.0 - MOST_FAILED_SHARE) * len(requests):
         tail = next((outcome.log_tail for outcome in outcomes if outcome.log_tail), "")
         raise AllRunsFailedError("the calibrated values failed in SUMO", tail)
-    kept = [(outcome.request.depart_s, fold.books[int(outcome.observed[0])]) for outcome in good]
-    plain = gather_tallies([books["", 0.0] for _, books in kept], [depart for depart, _ in kept])
-    altered = {}
-    for key in alterations:
-        with_key = [(depart, books[key]) for depart, books in kept if key in books]
-        altered[key] = gather_tallies([book for _, book in with_key], [depart for depart, _ in with_key])
-    return NullRuns(plain, altered)
+    kept = [(outcome.request, fold.books[int(outcome.observed[0])]) for outcome in good]
+
+    def gathered(key: tuple[str, float]) -> DriveTallies:
+        of_key = [(request, books[key]) for request, books in kept if key in books]
+        departs_s, runs = ([getattr(request, name) for request, _ in of_key] for name in ("depart_s", "seed"))
+        return gather_tallies([book for _, book in of_key], departs_s, [run - first_seed for run in runs])
+
+    return NullRuns(gathered(("", 0.0)), {key: gathered(key) for key in alterations})

@@ -5,31 +5,31 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class DiagnosisBudget:
-    """Numbers of runs.
+    """Numbers of runs of the surrogate, and of drives in SUMO, several of which may share a run (`num_runs_for`).
 
     Attributes:
-        first_null_runs: SUMO runs with calibrated values until they are seen to be the ones to stay with.
-        null_runs: SUMO runs with those values in all.
-        altered_runs: of how many of them altered versions are counted.
-        default_runs: SUMO runs of the scenario as it is.
+        first_null_drives: drives in SUMO with calibrated values until they are seen to be the ones to stay with.
+        null_drives: drives with those values in all.
+        altered_drives: of how many of them altered versions are counted.
+        default_drives: drives in SUMO's scenario as it is.
         first_slope_runs: surrogate runs of each trial of a parameter, likewise.
         slope_runs: the same in all.
         effect_runs: surrogate runs of each trial of an effect.
         local_runs: the same for an effect at one place.
-        check_runs: SUMO runs with each of the best effects.
-        refit_runs: SUMO runs of each iteration of a refit.
+        check_drives: drives in SUMO with each of the best effects.
+        refit_drives: drives in SUMO of each iteration of a refit.
     """
 
-    first_null_runs: int
-    null_runs: int
-    altered_runs: int
-    default_runs: int
+    first_null_drives: int
+    null_drives: int
+    altered_drives: int
+    default_drives: int
     first_slope_runs: int
     slope_runs: int
     effect_runs: int
     local_runs: int
-    check_runs: int
-    refit_runs: int
+    check_drives: int
+    refit_drives: int
 
 
 def plan_diagnosis(scale: float) -> DiagnosisBudget:
@@ -39,14 +39,14 @@ def plan_diagnosis(scale: float) -> DiagnosisBudget:
         return max(least, round(number * scale))
 
     return DiagnosisBudget(
-        first_null_runs=scaled(24, 24),
-        null_runs=scaled(48, 24),
-        altered_runs=scaled(12, 6),
-        default_runs=scaled(8, 6),
+        first_null_drives=scaled(24, 24),
+        null_drives=scaled(48, 24),
+        altered_drives=scaled(15, 12),
+        default_drives=scaled(8, 6),
         first_slope_runs=scaled(12, 12),
         slope_runs=scaled(32, 12),
         effect_runs=scaled(32, 12),
         local_runs=scaled(24, 12),
-        check_runs=scaled(16, 12),
-        refit_runs=scaled(16, 12),
+        check_drives=scaled(16, 12),
+        refit_drives=scaled(16, 12),
     )

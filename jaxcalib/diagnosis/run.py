@@ -22,7 +22,7 @@ from jaxcalib.diagnosis.features import DriveTallies
 from jaxcalib.diagnosis.findings import Findings
 from jaxcalib.diagnosis.investigation import NotTestableError, all_signatures, prepare, shift_in_errors
 from jaxcalib.diagnosis.local_search import windows_of_effects
-from jaxcalib.diagnosis.null_runs import fine_interval_s
+from jaxcalib.diagnosis.null_runs import fine_interval_s, num_runs_for
 from jaxcalib.diagnosis.place_search import refine_places
 from jaxcalib.diagnosis.plan import plan_diagnosis
 from jaxcalib.diagnosis.recalibration import Recalibrator
@@ -105,11 +105,11 @@ def _diagnose(
     progress.plan(
         calibration.num_surrogate_runs + num_trial_runs,
         calibration.confirmation_runs * calibration.confirmation_rounds
-        + plan.null_runs
-        + plan.default_runs
-        + 2 * plan.check_runs
-        + MOST_SUMO_POINTS * plan.refit_runs,
+        + sum(num_runs_for(problem, number) for number in (plan.null_drives, plan.default_drives))
+        + 2 * num_runs_for(problem, plan.check_drives)
+        + MOST_SUMO_POINTS * num_runs_for(problem, plan.refit_drives),
     )
+    first_null_runs = num_runs_for(problem, plan.first_null_drives)
     journal = run_folder.journal
     stopwatch = Stopwatch(journal.clock)
     stages = Stages(run_folder.path / "stages")
@@ -131,15 +131,16 @@ def _diagnose(
             problem, plan, stages, first_seed, first_seed + TRIAL_SEED, tables, progress, _bounds(searched)
         )
         try:
-            baseline, num_baselines = making.converged(searched.values)
+            converged = making.converged(searched.values)
         except NotTestableError as error:
-            num_sumo = len(searched.confirmation.outcomes) + plan.first_null_runs
+            num_sumo = len(searched.confirmation.outcomes) + first_null_runs
             num_surrogate = searched.surrogate.num_runs + (2 * num_parameters + 1) * plan.first_slope_runs
             wall_s = stopwatch.wall_s | {"total": journal.clock() - began}
             counts = {"surrogate": num_surrogate, "sumo": num_sumo}
             diagnosis = refuse(problem, searched.values, str(error), counts, wall_s)
             run_folder.write_text("diagnosis.json", diagnosis.to_json())
             return diagnosis
+    baseline = converged.baseline
     values, features, in_sumo, runs = baseline.values, baseline.features, baseline.in_sumo, baseline.runs
     runner, found, field, fitted = baseline.runner, baseline.found, baseline.field, baseline.fitted
     key = repr(values.tolist())
@@ -234,9 +235,11 @@ def _diagnose(
             verdict = judge(explained, gain, len(fitted.null.cells), shift, few_drives, aliased)
 
     num_surrogate = searched.surrogate.num_runs + sum(len(tallies) for tallies in found.values())
-    num_surrogate += (num_baselines - 1) * (2 * num_parameters + 1) * plan.first_slope_runs
-    num_sumo = len(searched.confirmation.outcomes) + len(runs.plain) + (num_baselines - 1) * plan.first_null_runs
-    num_sumo += 0 if default is None else len(default)
+    num_surrogate += converged.num_surrogate_runs
+    num_sumo = (
+        len(searched.confirmation.outcomes) + runs.plain.num_runs + (converged.num_baselines - 1) * first_null_runs
+    )
+    num_sumo += 0 if default is None else default.num_runs
     num_sumo += sum(one.num_runs for one in checks) + sum(one.num_sumo_runs for one in refits.values())
     stopwatch.add("reading", 0.0)
     findings = Findings(

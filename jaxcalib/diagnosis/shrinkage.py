@@ -87,8 +87,7 @@ def differences_by_chance(
     runs = on_cells(simulated, null.cells)
     all_values = _seen_values(runs, null)
     size = min(num_drives, len(runs) // 2)
-    one, all_runs = 1.0 / size, 1.0 / len(runs)
-    scale = np.sqrt((1.0 / num_drives + all_runs) / (one - all_runs))
+    scale = np.sqrt((1.0 / num_drives + 1.0 / runs.num_independent) / (1.0 / size - 1.0 / len(runs)))
     found = []
     for _ in range(NUM_SETS):
         drawn = runs.take(random.permutation(len(runs))[:size])
@@ -98,7 +97,7 @@ def differences_by_chance(
 
 
 def floor_of_drives(
-    drives: DriveTallies, null: NullModel, gap: Gap, num_drives: int, num_runs: int, random: np.random.Generator
+    drives: DriveTallies, null: NullModel, gap: Gap, num_drives: int, num_runs: float, random: np.random.Generator
 ) -> float | None:
     """Return the gap between so many drives and the mean of so many runs of a perfect simulation.
 
@@ -109,7 +108,7 @@ def floor_of_drives(
         null: the null model.
         gap: measures gaps.
         num_drives: number of drives that the floor is for.
-        num_runs: number of runs.
+        num_runs: number of runs, those with one drive each.
         random: draws the halves.
 
     Returns:
@@ -164,7 +163,7 @@ def measure_shrinkage(
     chance = np.asarray([gap(one) for one in by_chance])
     floor = float(chance.mean())
     if fit_drives is not None:
-        told = floor_of_drives(on_cells(fit_drives, null.cells), null, gap, len(tallies), len(runs), random)
+        told = floor_of_drives(on_cells(fit_drives, null.cells), null, gap, len(tallies), runs.num_independent, random)
         floor = floor if told is None else told
     by_chance, chance = by_chance * np.sqrt(floor / chance.mean()), chance * floor / chance.mean()
     recalibrated = gaps["recalibrated"]

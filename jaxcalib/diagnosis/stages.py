@@ -46,6 +46,7 @@ class Stages:
             arrays[f"{number}_above"] = tallies.above
             arrays[f"{number}_below"] = tallies.below
             arrays[f"{number}_depart_s"] = tallies.depart_s
+            arrays[f"{number}_run"] = np.zeros(0, int) if tallies.run is None else tallies.run
         write_atomically(file, lambda stream: np.savez(stream, **arrays))
         return made
 
@@ -54,11 +55,11 @@ def _read(file: Path) -> dict[str, DriveTallies] | None:
     try:
         with np.load(file, allow_pickle=False) as part:
             found = {}
-            for number in range(len(part.files) // 5):
+            for number in range(len(part.files) // 6):
                 cells = tuple(Cell(*one) for one in json.loads(str(part[f"{number}_cells"])))
-                found[str(part[f"{number}_key"])] = DriveTallies(
-                    cells, part[f"{number}_above"], part[f"{number}_below"], part[f"{number}_depart_s"]
-                )
+                above, below, depart_s = (part[f"{number}_{name}"] for name in ("above", "below", "depart_s"))
+                run = part[f"{number}_run"] if len(part[f"{number}_run"]) else None
+                found[str(part[f"{number}_key"])] = DriveTallies(cells, above, below, depart_s, run)
     except (OSError, ValueError, KeyError, EOFError, TypeError, zipfile.BadZipFile):
         return None
     return found

@@ -92,7 +92,7 @@ def check_in_sumo(
         if tallies is None:
             continue
         shift, error = measured_signature(tallies, plain, null)
-        checks.append(_check(one.name, best, strength, shift, error, null, len(tallies)))
+        checks.append(_check(one.name, best, strength, shift, error, null, tallies.num_runs))
         found[one.name] = [corrected(each, best, strength, shift, error) for each in found[one.name]]
         explained = list(explain(found))
     return Checked(explained, found, tuple(checks))
@@ -101,7 +101,9 @@ def check_in_sumo(
 def measured_signature(tallies: DriveTallies, plain: DriveTallies, null: NullModel) -> tuple[np.ndarray, np.ndarray]:
     """Return the signature that SUMO's runs show and its standard error, in units of noise."""
     with_effect, without = on_cells(tallies, null.cells), on_cells(plain, null.cells)
-    variance = sum(np.nan_to_num(one.influence()).var(axis=0, ddof=1) / len(one) for one in (with_effect, without))
+    variance = sum(
+        np.nan_to_num(one.influence()).var(axis=0, ddof=1) / one.num_independent for one in (with_effect, without)
+    )
     shift = (with_effect.values() - null.mean) / null.deviation
     is_known = np.isfinite(shift) & (with_effect.below.sum(axis=0) > 0)
     error = np.sqrt(variance) / null.deviation
@@ -132,7 +134,7 @@ def corrected(
         signature,
         shift=signature.shift + share * change,
         error=np.where(share > 0.0, share * remaining, 0.0),
-        exactness=min(signature.exactness, CHECKED_EXACTNESS),
+        exactness=np.minimum(signature.exactness, CHECKED_EXACTNESS),
     )
 
 

@@ -9,7 +9,7 @@ from jaxcalib.calibration.evaluator import AllRunsFailedError
 from jaxcalib.diagnosis.altered_drives import ALTERATIONS
 from jaxcalib.diagnosis.drive_features import DriveFeatures
 from jaxcalib.diagnosis.features import DriveTallies, joined_tallies
-from jaxcalib.diagnosis.null_runs import NullRuns, alterations_of, fine_interval_s, run_null
+from jaxcalib.diagnosis.null_runs import NullRuns, alterations_of, fine_interval_s, num_runs_for, run_null
 from jaxcalib.diagnosis.plan import DiagnosisBudget
 from jaxcalib.diagnosis.stages import Stages
 from jaxcalib.problem import CalibrationProblem
@@ -48,8 +48,8 @@ class SumoRuns:
 
         def make() -> dict[str, DriveTallies]:
             runs = run_null(
-                self.problem, self.features, self.values, self.plan.first_null_runs, self.plan.altered_runs,
-                alterations, self.first_seed + NULL_SEED, self.on_runs,
+                self.problem, self.features, self.values, self._runs_for(self.plan.first_null_drives),
+                self.plan.altered_drives, alterations, self.first_seed + NULL_SEED, self.on_runs,
             )  # fmt: skip
             altered = {f"{name} {strength!r}": tallies for (name, strength), tallies in runs.altered.items()}
             return {"": runs.plain} | altered
@@ -60,13 +60,13 @@ class SumoRuns:
 
     def whole_null(self, first: NullRuns) -> NullRuns:
         """Return all runs with the calibrated values, the first ones among them."""
-        begin = self.plan.first_null_runs
-        if begin >= self.plan.null_runs:
+        begin, end = (self._runs_for(number) for number in (self.plan.first_null_drives, self.plan.null_drives))
+        if begin >= end:
             return first
 
         def make() -> dict[str, DriveTallies]:
             runs = run_null(
-                self.problem, self.features, self.values, self.plan.null_runs - begin, 0, (),
+                self.problem, self.features, self.values, end - begin, 0, (),
                 self.first_seed + NULL_SEED, self.on_runs, first_run=begin,
             )  # fmt: skip
             return {"": runs.plain}
@@ -78,7 +78,7 @@ class SumoRuns:
         """Return runs of the scenario as it is; None where they fail, for it may fill the entrance."""
         base = self.problem.template.base_values()
         try:
-            return self._plain("default", base, self.plan.default_runs, DEFAULT_SEED)
+            return self._plain("default", base, self.plan.default_drives, DEFAULT_SEED)
         except AllRunsFailedError:
             return None
 
@@ -89,7 +89,7 @@ class SumoRuns:
         """
         part = f"check {name} {setting!r}"
         try:
-            return self._plain(part, self.values, self.plan.check_runs, CHECK_SEED, {name: setting})
+            return self._plain(part, self.values, self.plan.check_drives, CHECK_SEED, {name: setting})
         except AllRunsFailedError:
             return None
 
@@ -98,14 +98,15 @@ class SumoRuns:
 
         A sensor's effect is put into the drives that SUMO makes, any other by SUMO's own means.
         """
-        num_runs, seed = self.plan.refit_runs, self.first_seed + EXPLAINED_SEED
-        is_altered = name in ALTERATIONS
+        num_runs, seed = self._runs_for(self.plan.refit_drives), self.first_seed + EXPLAINED_SEED
+        problem, is_altered = self.problem, name in ALTERATIONS
 
         def make() -> dict[str, DriveTallies]:
             alterations = [(name, strength)] if is_altered else []
             effects = {} if is_altered else {name: EffectSetting(strength)}
+            num_altered = len(problem.case.drives) * num_runs  # all of them
             runs = run_null(
-                self.problem, self.features, values, num_runs, num_runs, alterations, seed, self.on_runs, effects
+                problem, self.features, values, num_runs, num_altered, alterations, seed, self.on_runs, effects
             )
             return {"": runs.altered[name, strength] if is_altered else runs.plain}
 
@@ -115,15 +116,19 @@ class SumoRuns:
             return None
 
     def _plain(
-        self, part: str, values: np.ndarray, num_runs: int, seed: int, effects: dict[str, EffectSetting] | None = None
+        self, part: str, values: np.ndarray, num_drives: int, seed: int, effects: dict[str, EffectSetting] | None = None
     ) -> DriveTallies:
         def make() -> dict[str, DriveTallies]:
             runs = run_null(
-                self.problem, self.features, values, num_runs, 0, (), self.first_seed + seed, self.on_runs, effects
-            )
+                self.problem, self.features, values, self._runs_for(num_drives), 0, (), self.first_seed + seed,
+                self.on_runs, effects,
+            )  # fmt: skip
             return {"": runs.plain}
 
         return self.stages.tallies(f"{part} {self._key}", make)[""]
+
+    def _runs_for(self, num_drives: int) -> int:
+        return num_runs_for(self.problem, num_drives)
 
     @property
     def _key(self) -> str:
