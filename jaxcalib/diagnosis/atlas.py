@@ -1,5 +1,6 @@
 """What each parameter and each effect would do to the features: known before the field is looked at."""
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -24,6 +25,9 @@ LEAST_STEP = 0.02
 LEAST_LANE_CHANGE_STEP = 0.1  # SUMO's lane-change weights are about 1; a share of one near 0 would be no step at all
 BASELINE = "baseline"
 ALTERED_EXACTNESS = 0.4  # of altered drives: no surrogate, but the same effect may come in another form
+# What reads an effect's strength from the log itself: by it strengths are told, whatever traffic makes of the effect.
+READINGS = {"gap_sensor_bias": r"distance_scale_error", "sensor_latency": r"latency_by_"}
+READING_EXACTNESS = 0.1
 
 
 @dataclass(frozen=True)
@@ -152,7 +156,7 @@ def altered_signatures(
             chosen.sort(key=abs)
             if chosen:
                 rows = [_altered(runs, name, strength, null) for strength in chosen]
-                signature = _signature(name, {}, chosen, rows, null, ALTERED_EXACTNESS)
+                signature = _signature(name, {}, chosen, rows, null, altered_exactness(name, null.cells))
                 found.setdefault(name, []).append(signature)
     is_identity = np.asarray([cell.channel == "identity" for cell in null.cells])
     for name in RHYTHMS:
@@ -172,6 +176,13 @@ def altered_signatures(
     return found
 
 
+def altered_exactness(name: str, cells: Sequence[Cell]) -> np.ndarray:
+    """Return the exactness of a sensor effect's signature in each feature."""
+    reading = READINGS.get(name)
+    is_reading = [reading is not None and bool(re.match(reading, cell.measure)) for cell in cells]
+    return np.where(is_reading, READING_EXACTNESS, ALTERED_EXACTNESS)
+
+
 def _altered(runs: NullRuns, name: str, strength: float, null: NullModel) -> tuple[np.ndarray, np.ndarray]:
     shift, error, _ = paired_difference(runs.altered[name, strength], runs.plain, null.cells)
     return shift, error
@@ -183,7 +194,7 @@ def _signature(
     strengths: Sequence[float],
     rows: Sequence[tuple[np.ndarray, np.ndarray]],
     null: NullModel,
-    exactness: float = 1.0,
+    exactness: float | np.ndarray = 1.0,
 ) -> Signature:
     zero = np.zeros(len(null.cells))
     shift = np.stack([zero, *(row[0] / null.deviation for row in rows)])

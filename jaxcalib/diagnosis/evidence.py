@@ -46,7 +46,8 @@ class Signature:
         strengths: strengths at which it is known, from 0.
         shift: difference from the baseline at each strength, [strength, feature]; zeros at strength 0.
         error: its standard error.
-        exactness: share of SIGNATURE_ERROR that applies; less than 1 where the signature is nearly exact.
+        exactness: share of SIGNATURE_ERROR that applies, in all features or in each; less than 1 where the signature is
+            nearly exact.
         sign: of the strengths, which are kept as sizes.
         is_fixed: whether it holds at its own strength only: a rhythm, or a duration with its place in time.
     """
@@ -56,7 +57,7 @@ class Signature:
     strengths: np.ndarray
     shift: np.ndarray
     error: np.ndarray
-    exactness: float = 1.0
+    exactness: float | np.ndarray = 1.0
     sign: float = 1.0
     is_fixed: bool = False
 

@@ -160,8 +160,10 @@ def gain_of(one: Explained, held_out: Prepared, fitted: Prepared) -> float | Non
 
 def moved(signature: Signature, of: Prepared, to: Prepared) -> Signature:
     """Return a signature in the features and units of another null model."""
+    exactness = dict(zip(of.null.cells, np.broadcast_to(signature.exactness, len(of.null.cells)), strict=True))
     return replace(
         signature,
+        exactness=np.asarray([exactness.get(cell, 1.0) for cell in to.null.cells]),
         shift=np.stack([transfer(row, of.null, to.null) for row in signature.shift]),
         error=np.stack([transfer(row, of.null, to.null) for row in signature.error]),
     )

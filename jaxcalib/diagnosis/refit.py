@@ -134,12 +134,12 @@ class _Course:
         high[-1] = (most - self.strength) / self.unit[-1]
         return low, high
 
-    def noise(self, exactness: float) -> np.ndarray:
+    def noise(self, exactness: float | np.ndarray) -> np.ndarray:
         """Return the covariance of chance and of what the model of an effect may be wrong by: the road's may differ."""
         wrong = SIGNATURE_ERROR * exactness * self.shift
         return self.fitted.null.noise + np.outer(wrong, wrong) * alike_errors(self.fitted.null)
 
-    def noise_of(self, exactness: float) -> Callable[[ExplainedRuns, np.ndarray], np.ndarray]:
+    def noise_of(self, exactness: float | np.ndarray) -> Callable[[ExplainedRuns, np.ndarray], np.ndarray]:
         """Return what tells the covariance around runs: an effect that brings jams brings their chance too."""
         base, null, num_drives = self.noise(exactness), self.fitted.null, len(self.fitted.tallies)
 
@@ -202,7 +202,7 @@ def refit(
         return maker.slopes(signature, *course.there(at), known / unit) * unit
 
     # with the effect in the runs, no signature is stretched any more: what is left is that the road's has another form
-    noise = course.noise_of(min(signature.exactness, CHECKED_EXACTNESS))
+    noise = course.noise_of(np.minimum(signature.exactness, CHECKED_EXACTNESS))
     target = Target(fitted.difference, noise, low, high, np.zeros_like(at))
 
     def descent_to(target: Target, at: np.ndarray, slopes: np.ndarray, make: _Makes, points: int) -> Descent | None:

@@ -1,6 +1,8 @@
 """Null model, evidence, verdict and ledger on numbers whose answer is known."""
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
@@ -8,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from synthetic import made_up_null
 
+from jaxcalib.diagnosis.atlas import ALTERED_EXACTNESS, READING_EXACTNESS, altered_exactness
 from jaxcalib.diagnosis.conventions import rounding_step
 from jaxcalib.diagnosis.evidence import (
     NONE,
@@ -21,6 +24,7 @@ from jaxcalib.diagnosis.evidence import (
 )
 from jaxcalib.diagnosis.features import Cell, DriveTallies
 from jaxcalib.diagnosis.further import most_flexible_shift, next_steps, second_effect
+from jaxcalib.diagnosis.investigation import Prepared, moved
 from jaxcalib.diagnosis.ledger import make_ledger, parameter_shift, remaining_covariance
 from jaxcalib.diagnosis.noise import open_deviation
 from jaxcalib.diagnosis.ramp_inflow import explain_ramps
@@ -254,3 +258,30 @@ def test_there_is_always_something_to_try_next(kind: str):
     )  # fmt: skip
     assert lines
     assert all(line.endswith(".") and "_" not in line for line in lines)
+
+
+def test_a_feature_that_reads_a_strength_from_the_log_tells_it():
+    """Traffic may answer by a quarter less than a signature says; what reads the strength itself does not."""
+    one = signature("gap_sensor_bias", 9, size=8.0)
+    one.shift[:, 3] = [0.0, 25.0, 50.0]
+    field = 0.75 * one.at(1.4)[0]
+    field[3] = one.at(1.4)[0][3]
+    is_reading = np.arange(SIZE) == 3
+    told = {}
+    for name, exactness in (("alike", 0.4), ("reading", np.where(is_reading, 0.02, 0.4))):
+        told[name] = explain(field, NULL, [replace(one, exactness=exactness)], 1.0).strength
+    assert abs(told["reading"] - 1.4) < 0.5 * abs(told["alike"] - 1.4)
+
+
+def test_readings_are_nearly_exact_and_stay_so_among_other_features():
+    cells = tuple(Cell("identity", name) for name in ("second_difference_square", "distance_scale_error"))
+    np.testing.assert_allclose(altered_exactness("gap_sensor_bias", cells), [ALTERED_EXACTNESS, READING_EXACTNESS])
+    np.testing.assert_allclose(altered_exactness("sensor_noise", cells), ALTERED_EXACTNESS)
+    here, there = (
+        cast(Prepared, SimpleNamespace(null=SimpleNamespace(cells=order, deviation=np.ones(len(order)))))
+        for order in (cells, (cells[1], Cell("replay", "other"), cells[0]))
+    )
+    one = Signature("gap_sensor_bias", {}, np.asarray([0.0, 1.0]), np.eye(2), np.zeros((2, 2)),
+                    altered_exactness("gap_sensor_bias", cells))  # fmt: skip
+    exactness = moved(one, here, there).exactness
+    np.testing.assert_allclose(exactness, [READING_EXACTNESS, 1.0, ALTERED_EXACTNESS])
