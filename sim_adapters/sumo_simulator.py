@@ -1,6 +1,5 @@
 """SUMO as an engine: one simulation per process, in a pool that outlives workers that die and kills those that hang."""
 
-import logging
 import multiprocessing
 import os
 import shutil
@@ -15,6 +14,7 @@ from typing import Protocol
 import numpy as np
 from pebble import ProcessPool
 
+from sim_adapters.attempted_run import AttemptedRun
 from sim_adapters.frame_table import ObjectTable, SubjectTable, stack_frames
 from sim_adapters.interface import ParameterLayout, RunOutcome, RunRequest, Status
 from sim_adapters.scenario import Scenario
@@ -25,11 +25,7 @@ from sim_adapters.sumo_driver import SubjectControl
 from sim_adapters.sumo_worker import SumoJob, SumoRun, begin_worker, run_job
 from surrogate.perception import PerceptionFrame
 
-log = logging.getLogger(__name__)
-
-TRIES = 2  # a worker that dies is tried once more, on the same seed
 RUNS_PER_WORKER = 200
-LOG_TAIL_CHARACTERS = 2000
 RADIUS_MARGIN_M = 15.0  # SUMO's radius is measured from another point of the vehicle than our offsets
 
 
@@ -147,9 +143,16 @@ class SumoSimulator:
         """Start runs in the background and return, for each, what waits for its outcome."""
         waiting: dict[int, Callable[[], RunOutcome]] = {}
         for numbers in shared_runs(requests):
-            pending = _Pending(self, requests[numbers[0]], len(numbers))
-            waiting |= {number: partial(pending.outcome, requests[number]) for number in numbers}
+            first = requests[numbers[0]]
+            attempted = AttemptedRun(partial(self.start, first), first.seed, len(numbers))
+            waiting |= {number: partial(self._answer, attempted, requests[number], len(numbers)) for number in numbers}
         return iter([waiting[number] for number in range(len(requests))])
+
+    def _answer(self, attempted: AttemptedRun, request: RunRequest, num_sharing: int) -> RunOutcome:
+        result = attempted.result()
+        if isinstance(result, str):
+            return self.failure_of(request, result)
+        return self.outcome_of(request, result, num_sharing)
 
     def start(self, request: RunRequest) -> tuple[Path, Future[SumoRun]]:
         """Write a run's files and hand it to the pool.
@@ -250,50 +253,6 @@ class SumoSimulator:
         return stack_frames(subject, objects, self._sensor.ahead_m, self._sensor.behind_m)
 
 
-class _Pending:
-    """A run that has been started, for one request or for several."""
-
-    def __init__(self, simulator: SumoSimulator, request: RunRequest, num_sharing: int) -> None:
-        self._simulator = simulator
-        self._request = request
-        self._num_sharing = num_sharing
-        self._folder: Path
-        self._future: Future[SumoRun] | None
-        self._folder, self._future = simulator.start(request)
-        self._run: SumoRun | str | None = None
-        self._num_to_answer = num_sharing
-
-    def outcome(self, request: RunRequest) -> RunOutcome:
-        """Wait for the run and return what came of it for one of its requests."""
-        if self._run is None:
-            self._run = self._made()
-        run = self._run
-        self._num_to_answer -= 1
-        if not self._num_to_answer:
-            self._run = None
-        if isinstance(run, str):
-            return self._simulator.failure_of(request, run)
-        return self._simulator.outcome_of(request, run, self._num_sharing)
-
-    def _made(self) -> SumoRun | str:
-        """Wait for the run; make it again if its worker died; return SUMO's last words if it failed for good."""
-        problem = tail = ""
-        for attempt in range(TRIES):
-            if attempt:
-                log.warning("SUMO run with seed %d failed (%s); trying it again", self._request.seed, problem)
-                self._folder, self._future = self._simulator.start(self._request)
-            future, self._future = self._future, None  # it would keep the run
-            assert future is not None
-            try:
-                return future.result()
-            except Exception as error:
-                problem = f"{type(error).__name__}: {error}"
-                tail = _log_tail(self._folder)
-            finally:
-                shutil.rmtree(self._folder, ignore_errors=True)
-        return f"{problem}\n{tail}"
-
-
 def _lane_places(scenario: Scenario) -> dict[str, tuple[int, float, bool]]:
     """Return row, begin on the route's axis, and whether it is carriageway, of each lane and junction lane."""
     network, rows = scenario.network, scenario.row_map.row_of_lane
@@ -303,10 +262,3 @@ def _lane_places(scenario: Scenario) -> dict[str, tuple[int, float, bool]]:
     for name, (before, start_m) in network.junction_lanes.items():
         places[name] = (rows[before], start_m, before[0] in network.main_edges)
     return places
-
-
-def _log_tail(folder: Path) -> str:
-    try:
-        return (folder / "errors.log").read_text(encoding="utf-8", errors="replace")[-LOG_TAIL_CHARACTERS:]
-    except OSError:
-        return ""
