@@ -98,7 +98,7 @@ def write_scenario(
     draft = Draft(scenario, elements, seed, all_rates)
     put_into(draft, effects or {})
     vtypes = [one for one in draft.elements if one.tag.startswith("vType") and one.get("id") in own]
-    routes = [one for one in draft.elements if one not in vtypes]
+    routes = _in_order([one for one in draft.elements if one not in vtypes])
     demand = folder / f"demand.{name}.rou.xml"
     vtype_file = folder / f"vtypes.{name}.add.xml"
     _write(demand, "routes", ["routes, flows and the subject vehicle; vTypes are in the .add.xml"], routes)
@@ -137,6 +137,20 @@ def _subjects(element: ET.Element, departs_s: Sequence[float]) -> list[ET.Elemen
             ET.SubElement(one, "param", key="has.fcd.device", value="true")
         found.append(one)
     return found
+
+
+def _in_order(elements: Sequence[ET.Element]) -> list[ET.Element]:
+    """Return elements with flows and vehicles by begin and departure: SUMO leaves out who stands too late in a file."""
+
+    def begin_s(element: ET.Element) -> float:
+        if element.tag not in ("flow", "vehicle", "trip"):
+            return -np.inf
+        try:
+            return float(element.get("depart") or element.get("begin") or 0.0)
+        except ValueError:  # a time of day, or a vehicle that waits for something
+            return 0.0
+
+    return sorted(elements, key=begin_s)
 
 
 def _set_attributes(vtype: ET.Element, values: Mapping[str, float]) -> None:

@@ -228,7 +228,6 @@ def _platooned_arrivals(draft: Draft, setting: EffectSetting) -> None:
     replaced = list(elements.values())
     others = [one for one in draft.elements if one.tag not in ("vehicle", "trip") and one not in replaced]
     vehicles += [one for one in draft.elements if one.tag in ("vehicle", "trip")]
-    vehicles.sort(key=lambda one: float(one.get("depart", "0")))  # SUMO leaves out who comes too late in the file
     draft.elements[:] = [*others, *vehicles]
 
 

@@ -138,10 +138,10 @@ def run_job(job: SumoJob) -> SumoRun:
     finally:
         libsumo.close()
     frames = _read_frames(output, job)
-    found = len(np.unique(frames["time_s"]))
+    found = int(np.sum(frames["vehicle"] < 0))
     if found != counts["num_frames"]:
         raise TruncatedOutputError(
-            f"expected {counts['num_frames']} frames in SUMO's output, found {found}; disk full?"
+            f"expected {counts['num_frames']} frames of subject vehicles in SUMO's output, found {found}; disk full?"
         )
     del counts["num_frames"]
     return SumoRun(**frames, **counts, wall_s=time.perf_counter() - began)
@@ -198,7 +198,7 @@ def _step_until_subject_left(libsumo, job: SumoJob) -> dict:
             has_left = not on_the_way and not to_come
             if has_left and not job.counted_edges:
                 break
-            num_frames += bool(on_the_way) and step % steps_per_frame == 0
+            num_frames += len(on_the_way) if step % steps_per_frame == 0 else 0
     arrived = inserted.copy()
     for waiting in simulation.getPendingVehicles():
         entrance = job.entrance_of_flow.get(waiting.rpartition(".")[0])

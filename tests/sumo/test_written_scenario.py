@@ -144,3 +144,20 @@ def test_a_bounded_speed_factor_keeps_its_bounds(own_corridor: Path, layout: Par
     car = element(written.vtypes, "vType", "car")
     assert car.get("speedFactor") == "normc(1.07,0.14,0.7,1.4)"
     assert car.get("speedDev") is None
+
+
+def test_flows_that_begin_later_stand_behind_who_departs_before(
+    own_corridor: Path, layout: ParameterLayout, tmp_path: Path
+):
+    """SUMO would leave them out, and says so in a warning only."""
+    demand = own_corridor / "scenario/demand.rou.xml"
+    begin = demand.read_text().replace('id="f_on1_e" type="car" route="r_on1_e" begin="0"',
+                                       'id="f_on1_e" type="car" route="r_on1_e" begin="350"')  # fmt: skip
+    begin = begin.replace('id="f_on1_o1" type="car" route="r_on1_o1" begin="0"',
+                          'id="f_on1_o1" type="car" route="r_on1_o1" begin="350"')  # fmt: skip
+    demand.write_text(begin)
+    scenario = read_scenario(own_corridor / "scenario/scenario.sumocfg", own_corridor, "ego", 720.0)
+    written = write_scenario(scenario, layout, VALUES, (300.0, 340.0, 380.0), "ego", tmp_path)
+    timed = [one for one in ET.parse(written.demand).getroot() if one.tag in ("flow", "vehicle")]
+    times = [float(one.get("depart") or one.get("begin") or 0.0) for one in timed]
+    assert times == sorted(times) == [0.0, 0.0, 300.0, 340.0, 350.0, 350.0, 380.0]
