@@ -33,15 +33,16 @@ def shared_runs(requests: Sequence[RunRequest]) -> list[list[int]]:
     return list(found.values())
 
 
-def departures_apart(departs_s: Sequence[float], least_apart_s: float) -> list[tuple[float, ...]]:
+def departures_apart(departs_s: Sequence[float], least_apart_s: float, most: int) -> list[tuple[float, ...]]:
     """Return departures dealt to as few runs as keep those of one run apart, as evenly as that allows.
 
     Args:
         departs_s: departures, each once.
         least_apart_s: time between two departures of one run, at least.
+        most: departures of one run, at most.
     """
     ordered = sorted(departs_s)
-    for num_runs in range(1, len(ordered)):
+    for num_runs in range(-(-len(ordered) // most), len(ordered)):
         dealt = [tuple(ordered[first::num_runs]) for first in range(num_runs)]
         if all(later - earlier >= least_apart_s for run in dealt for earlier, later in pairwise(run)):
             return dealt

@@ -16,7 +16,7 @@ from jaxcalib.diagnosis.atlas import parameter_steps, parameter_trials
 from jaxcalib.diagnosis.conventions import conventions_of, expected_drivers
 from jaxcalib.diagnosis.drive_features import DriveFeatures
 from jaxcalib.diagnosis.drive_table import DriveTable
-from jaxcalib.diagnosis.explained_runs import moved_values
+from jaxcalib.diagnosis.explained_runs import LEAST_VALUE_SHARE
 from jaxcalib.diagnosis.features import DriveTallies, gather_tallies, joined_tallies
 from jaxcalib.diagnosis.investigation import NotTestableError, Prepared, prepare
 from jaxcalib.diagnosis.ledger import parameter_shift
@@ -123,23 +123,26 @@ class BaselineMaker:
         """
         best, number, num_moves = self.at(values, None), 1, 0
         while number < MOST_ROUNDS and np.max(np.abs(best.shift)) > FAR_STEPS:
-            values, tried = self.moved(best)
+            way, tried = self.moved(best)
             num_moves += tried
-            if np.array_equal(values, best.values):
+            nearer = None
+            for values in way[-1:] + way[:-1][:1]:  # where the surrogate leads, or else its first step
+                if nearer is not None or number == MOST_ROUNDS:
+                    break
+                number += 1
+                try:
+                    latest = self.at(values, best.runner)
+                except (NotTestableError, AllRunsFailedError):
+                    continue  # too little is seen there, or the subject vehicle finds no way in
+                nearer = latest if latest.misfit < best.misfit else None
+            if nearer is None:
                 break
-            number += 1
-            try:
-                latest = self.at(values, best.runner)
-            except (NotTestableError, AllRunsFailedError):
-                break  # too little is seen there, or the subject vehicle finds no way in
-            if latest.misfit >= best.misfit:
-                break
-            best = latest
+            best = nearer
         slope_runs = (2 * len(values) + 1) * self.plan.first_slope_runs
         return Converged(self.whole(best), number, (number - 1) * slope_runs + num_moves * 2 * self.plan.slope_runs)
 
-    def moved(self, best: Baseline) -> tuple[np.ndarray, int]:
-        """Return the values to which the drives to fit would move a baseline, and how many moves were tried.
+    def moved(self, best: Baseline) -> tuple[list[np.ndarray], int]:
+        """Return the values to which the drives to fit would move a baseline, step by step, and how many were tried.
 
         After each move the surrogate says what it changed; what the drives still differ by asks for the next one. A
         move that does not come nearer is not made.
@@ -149,19 +152,20 @@ class BaselineMaker:
         """
         null, difference, values = best.fitted.null, best.fitted.difference, best.values
         sizes = parameter_steps(self.problem.layout, values)
-        num_tried = 0
+        least = np.maximum(self.bounds[0], LEAST_VALUE_SHARE * values)
+        way, num_tried = [], 0
         while num_tried < MOST_MOVES:
             shift = parameter_shift(difference, null)
             if np.max(np.abs(shift)) <= FAR_STEPS:
                 break
-            further = moved_values(values, sizes, np.clip(shift, -LONGEST_STEPS, LONGEST_STEPS))
-            further = np.clip(further, *self.bounds)
+            further = np.clip(values + sizes * np.clip(shift, -LONGEST_STEPS, LONGEST_STEPS), least, self.bounds[1])
             change = self._change(best, further)
             num_tried += 1
             if change is None or _misfit(best.fitted.difference - change, null) >= _misfit(difference, null):
                 break
             values, difference = further, best.fitted.difference - change
-        return values, num_tried
+            way.append(values)
+        return way, num_tried
 
     def _change(self, best: Baseline, values: np.ndarray) -> np.ndarray | None:
         """Return by how much features of the surrogate change from a baseline's values to others, in units of noise.

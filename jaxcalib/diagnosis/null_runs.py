@@ -23,6 +23,7 @@ MOST_FAILED_SHARE = 0.5
 RHYTHM_S = (0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.2, 1.5)
 LANE_CHANGE_S = (1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0)
 LEAST_APART_S = 40.0  # between subject vehicles of one run: they do not see each other unless traffic hardly moves
+MOST_PER_RUN = 3  # with more, parts of a diagnosis would rest on a handful of runs
 FURTHER_WORTH = (
     0.7  # in drives with a run of their own: what each further drive of a run tells; 0.75 on case 13, with jams
 )
@@ -81,7 +82,10 @@ def alterations_of(strengths: Mapping[str, Sequence[float]], interval_s: float) 
         strengths: strengths of each effect.
         interval_s: interval of the logs; slower logs do not show when drivers act.
     """
-    chosen = [(name, strength) for name in ALTERATIONS for strength in strengths[name]]
+    chosen = [(name, strength) for name in ALTERATIONS for strength in strengths[name] if name != "sensor_latency"]
+    # a log can be late by its own steps only
+    late = {max(1, round(strength / interval_s)) * interval_s for strength in strengths["sensor_latency"]}
+    chosen += [("sensor_latency", strength) for strength in sorted(late)]
     if interval_s < COARSE_S:
         for name in RHYTHMS:
             grid = LANE_CHANGE_S if name == "lane_change_duration" else RHYTHM_S
@@ -91,7 +95,7 @@ def alterations_of(strengths: Mapping[str, Sequence[float]], interval_s: float) 
 
 def departures_of_runs(problem: CalibrationProblem) -> list[tuple[float, ...]]:
     """Return the drives' departures, dealt to runs with several subject vehicles each."""
-    return departures_apart(sorted({drive.depart_s for drive in problem.case.drives}), LEAST_APART_S)
+    return departures_apart(sorted({drive.depart_s for drive in problem.case.drives}), LEAST_APART_S, MOST_PER_RUN)
 
 
 def num_runs_for(problem: CalibrationProblem, num_drives: int) -> int:

@@ -36,7 +36,7 @@ from jaxcalib.diagnosis.sumo_check import CHECKED_EXACTNESS, NUM_CHECKED, WITHIN
 from surrogate.effects.registry import effect_named
 
 MOST_SURROGATE_POINTS = 8
-MOST_SUMO_POINTS, OTHERS_SUMO_POINTS = 3, 2  # of the best explanation, and of those close behind it
+MOST_SUMO_POINTS, OTHERS_SUMO_POINTS = 4, 2  # of the best explanation, and of those close behind it
 PRIOR_SHARE = 0.7  # of the contest's strength: how far it may be off
 LEAST_SHARE = 0.3  # of the contest's strength
 TANGENT_SHARE = 0.25  # of the strength: over which the change with strength is measured

@@ -137,4 +137,4 @@ class SumoRuns:
 
 def _strengths(effect: Effect) -> tuple[float, ...]:
     several = (effect.weak, effect.medium, effect.strong)
-    return (*several, -effect.medium) if effect.is_signed else several
+    return (*several, -effect.medium, -effect.strong) if effect.is_signed else several

@@ -9,8 +9,10 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
+from jaxcalib.calibration.evaluator import AllRunsFailedError
 from jaxcalib.diagnosis.atlas import parameter_steps
 from jaxcalib.diagnosis.baseline import LONGEST_STEPS, MOST_MOVES, MOST_ROUNDS, Baseline, BaselineMaker
+from jaxcalib.diagnosis.explained_runs import LEAST_VALUE_SHARE
 from jaxcalib.diagnosis.features import Cell
 from jaxcalib.diagnosis.investigation import NotTestableError
 from jaxcalib.diagnosis.noise import NullModel
@@ -156,9 +158,9 @@ def test_drives_that_show_too_little_are_told_at_once():
 def test_the_surrogate_says_how_far_to_go(sensitivity: float, steps: float):
     """What a move changes there counts, not what the slopes had promised; within three steps it is near enough."""
     maker = made(towards(BEGIN + SIZES * [8.0, 0.0, 0.0]), change=lambda moved: sensitivity * moved)
-    values, num_tried = maker.moved(maker.at(BEGIN, None))
-    np.testing.assert_allclose(values, BEGIN + SIZES * [steps, 0.0, 0.0], rtol=1e-6)
-    assert num_tried == math.ceil(steps / LONGEST_STEPS)
+    way, num_tried = maker.moved(maker.at(BEGIN, None))
+    np.testing.assert_allclose(way[-1], BEGIN + SIZES * [steps, 0.0, 0.0], rtol=1e-6)
+    assert num_tried == len(way) == math.ceil(steps / LONGEST_STEPS)
 
 
 @pytest.mark.parametrize("change", [lambda steps: -steps, lambda steps: None, lambda steps: 3.0 * steps])
@@ -168,3 +170,22 @@ def test_a_move_that_comes_no_nearer_in_the_surrogate_is_not_made(change: Callab
     assert found.num_baselines == len(maker.asked) == 1
     assert found.num_surrogate_runs == 2 * plan_diagnosis(1.0).slope_runs
     np.testing.assert_array_equal(found.baseline.values, BEGIN)
+
+
+def test_where_the_surrogate_leads_too_far_its_first_step_is_tried():
+    def tell(values: np.ndarray) -> tuple[np.ndarray, float]:
+        steps = (values - BEGIN) / SIZES
+        if steps[0] > 6.0:
+            raise AllRunsFailedError("the calibrated values failed in SUMO", "")
+        return np.asarray([0.0 if steps[0] > 1.0 else 12.0, 0.0, 0.0]), 10.0 - steps[0]
+
+    found = (maker := made(tell)).converged(BEGIN)
+    np.testing.assert_allclose([(one[0] - BEGIN[0]) / SIZES[0] for one in maker.asked], [0.0, 10.0, 5.0], rtol=1e-6)
+    assert found.num_baselines == 3
+    np.testing.assert_array_equal(found.baseline.values, maker.asked[-1])
+
+
+def test_steps_together_leave_a_share_of_a_value():
+    maker = made(towards(BEGIN - SIZES * [90.0, 0.0, 0.0]))
+    way, _ = maker.moved(maker.at(BEGIN, None))
+    assert way[-1][0] >= LEAST_VALUE_SHARE * BEGIN[0]

@@ -24,11 +24,12 @@ def request_of(depart_s: float, *also_s: float, seed: int = SEED) -> RunRequest:
 
 def test_departures_are_dealt_to_as_few_runs_as_keep_them_apart():
     every_20_s = [300.0, 320.0, 340.0, 360.0, 380.0, 400.0]
-    assert departures_apart(every_20_s, 40.0) == [(300.0, 340.0, 380.0), (320.0, 360.0, 400.0)]
-    assert departures_apart(every_20_s, 50.0) == [(300.0, 360.0), (320.0, 380.0), (340.0, 400.0)]
-    assert departures_apart(every_20_s, 20.0) == [tuple(every_20_s)]
-    assert departures_apart([600.0], 40.0) == [(600.0,)]
-    assert departures_apart([0.0, 5.0], 40.0) == [(0.0,), (5.0,)]
+    assert departures_apart(every_20_s, 40.0, 9) == [(300.0, 340.0, 380.0), (320.0, 360.0, 400.0)]
+    assert departures_apart(every_20_s, 50.0, 9) == [(300.0, 360.0), (320.0, 380.0), (340.0, 400.0)]
+    assert departures_apart(every_20_s, 20.0, 6) == [tuple(every_20_s)]
+    assert departures_apart(every_20_s, 20.0, 5) == [(300.0, 340.0, 380.0), (320.0, 360.0, 400.0)]
+    assert departures_apart([600.0], 40.0, 3) == [(600.0,)]
+    assert departures_apart([0.0, 5.0], 40.0, 3) == [(0.0,), (5.0,)]
 
 
 def test_requests_that_differ_only_in_whom_they_ask_for_share_a_run():
