@@ -1,6 +1,7 @@
-"""A whole diagnosis: the corridor's logs with distances that read too long."""
+"""A whole diagnosis: the corridor's logs with distances that read too long, and fewer parameters, to save time."""
 
 import json
+import re
 import shutil
 from pathlib import Path
 
@@ -13,11 +14,14 @@ from surrogate.effects.registry import EFFECTS
 CASE = Path(__file__).parents[2] / "experiments" / "cases" / "corridor"
 BIAS = 0.08
 RANGE_M = 150.0
+PARAMETERS = ["tau", "minGap", "accel", "decel", "speedFactor", "lcSpeedGain", "lcAssertive"]
 
 
 @pytest.mark.long
 def test_a_biased_sensor_is_named_and_its_strength_found(tmp_path: Path):
     case = Path(shutil.copytree(CASE, tmp_path / "corridor"))
+    told = (case / "case.toml").read_text()
+    (case / "case.toml").write_text(re.sub(r"parameters = \[.*?\]", f"parameters = {PARAMETERS}", told))
     for file in (case / "field").glob("*_objects.csv.gz"):
         objects = pd.read_csv(file)
         objects["relative_x_m"] = (objects["relative_x_m"] * (1.0 + BIAS)).round(2)

@@ -86,11 +86,12 @@ def test_a_cluster_without_workers(
 @pytest.mark.long
 @pytest.mark.parametrize("engine", ["sumo", "surrogate"])
 def test_a_worker_that_is_killed_costs_no_row(
-    engine: str, address: str, workers: list[subprocess.Popen[bytes]], tmp_path: Path
+    engine: str, address: str, workers: list[subprocess.Popen[bytes]], calm: Path, tmp_path: Path
 ):
     out = tmp_path / "sweep.parquet"
     num_candidates = 16 if engine == "sumo" else 96  # 3 blocks
-    options = ["--design", f"lhs:{num_candidates}", "--seeds", "2", "--engine", engine, "--cluster", address, "--quiet"]
+    options = ["--design", f"lhs:{num_candidates}", "--seeds", "2", "--settings", str(calm)]
+    options += ["--engine", engine, "--cluster", address, "--quiet"]
     sweep = subprocess.Popen(
         [sys.executable, "-m", "jaxcalib", "sweep", str(CASE), "--out", str(out), *options],
         env=os.environ | {"PYTHONPATH": str(ROOT)}, cwd=ROOT,

@@ -21,10 +21,10 @@ CASE = ROOT / "experiments" / "cases" / "corridor"
 
 
 @pytest.mark.long
-def test_killed_at_any_moment_a_sweep_ends_as_if_nothing_had_been(tmp_path: Path):
+def test_killed_at_any_moment_a_sweep_ends_as_if_nothing_had_been(calm: Path, tmp_path: Path):
     """The process group is killed without warning at three moments; the same command goes on."""
     whole, out = tmp_path / "whole.parquet", tmp_path / "sweep.parquet"
-    options = {"design": "lhs:6", "seeds": 4, "engine": "sumo", "seed": 7}
+    options = {"design": "lhs:8", "seeds": 4, "engine": "sumo", "seed": 7, "settings": calm}
     arguments = [str(word) for name, value in options.items() for word in (f"--{name}", value)]
     command = [sys.executable, "-m", "jaxcalib", "sweep", str(CASE), "--out", str(out), "--quiet", *arguments]
     chance = random.Random(5)
