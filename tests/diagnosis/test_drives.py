@@ -7,6 +7,7 @@ from synthetic import ROAD, STEP_S, two_vehicles
 from jaxcalib.diagnosis.altered_drives import ALTERATIONS, RHYTHMS
 from jaxcalib.diagnosis.features import TallyBook
 from jaxcalib.diagnosis.identities import count_identities
+from jaxcalib.diagnosis.null_runs import alterations_of
 
 
 def identities(table) -> dict[tuple[str, str, str], float]:
@@ -78,3 +79,11 @@ def test_short_range_takes_what_is_far_and_nothing_else():
     near = (table.offset_m <= 75.0) & (table.offset_m >= -60.0)
     assert len(short.instant) == near.sum()
     assert short.offset_m == pytest.approx(table.offset_m[near])
+
+
+@pytest.mark.parametrize(("interval_s", "late_s"), [(0.1, [0.2, 0.4, 0.7]), (0.25, [0.25, 0.5, 0.75]), (0.5, [0.5])])
+def test_a_log_is_late_by_its_own_steps(interval_s: float, late_s: list[float]):
+    strengths = dict.fromkeys((*ALTERATIONS, *RHYTHMS), (0.2, 0.4, 0.7))
+    chosen = alterations_of(strengths, interval_s)
+    assert [strength for name, strength in chosen if name == "sensor_latency"] == pytest.approx(late_s)
+    assert [strength for name, strength in chosen if name == "sensor_noise"] == [0.2, 0.4, 0.7]
