@@ -124,7 +124,7 @@ class BaselineMaker:
         best, number, num_moves = self.at(values, None), 1, 0
         while number < MOST_ROUNDS and np.max(np.abs(best.shift)) > FAR_STEPS:
             way, tried = self.moved(best)
-            num_moves += tried
+            num_moves += tried + bool(tried)  # where they begin is run, too
             nearer = None
             for values in way[-1:] + way[:-1][:1]:  # where the surrogate leads, or else its first step
                 if nearer is not None or number == MOST_ROUNDS:
@@ -139,7 +139,7 @@ class BaselineMaker:
                 break
             best = nearer
         slope_runs = (2 * len(values) + 1) * self.plan.first_slope_runs
-        return Converged(self.whole(best), number, (number - 1) * slope_runs + num_moves * 2 * self.plan.slope_runs)
+        return Converged(self.whole(best), number, (number - 1) * slope_runs + num_moves * self.plan.slope_runs)
 
     def moved(self, best: Baseline) -> tuple[list[np.ndarray], int]:
         """Return the values to which the drives to fit would move a baseline, step by step, and how many were tried.
@@ -172,18 +172,17 @@ class BaselineMaker:
 
         None where runs fail.
         """
-        num_runs = self.plan.slope_runs
-        trials = [
-            Trial(f"at {told!r}", told, num_runs)
-            for told in (tuple(float(one) for one in each) for each in (best.values, values))
-        ]
-        part = f"move {best.values.tolist()!r} to {values.tolist()!r}"
-        found = self.stages.tallies(part, lambda: best.runner.run(trials, self.progress.surrogate_runs))
-        here, there = (found[one.name] for one in trials)
+        here, there = (self._surrogate_at(each, best) for each in (best.values, values))
         if not has_pairs(there, here):
             return None
         null = best.fitted.null
         return paired_difference(there, here, null.cells)[0] / null.deviation
+
+    def _surrogate_at(self, values: np.ndarray, best: Baseline) -> DriveTallies:
+        """Return the surrogate's runs at some values, counted as for a baseline; they are made once."""
+        trial = Trial("moved", tuple(float(one) for one in values), self.plan.slope_runs)
+        part = f"moved {trial.values!r} from {best.values.tolist()!r}"
+        return self.stages.tallies(part, lambda: best.runner.run([trial], self.progress.surrogate_runs))[trial.name]
 
     def whole(self, first: Baseline) -> Baseline:
         """Return a baseline with all its runs.

@@ -64,7 +64,7 @@ def toy(monkeypatch: pytest.MonkeyPatch) -> Callable[..., list[ToyEngine]]:
 
 @pytest.fixture
 def calm(tmp_path: Path) -> Path:
-    """Return settings with little traffic, of which SUMO's runs take a third of the time."""
+    """Return settings with little traffic, of which SUMO's runs are short."""
     file = tmp_path / "calm.toml"
     file.write_text("[bounds]\nmain = [900.0, 1800.0]\non1 = [150.0, 300.0]\n")
     return file
