@@ -49,6 +49,8 @@ def move_on(
         if not isinstance(num_steps, int):
             raise ValueError("Expected most_steps with a number of steps that is traced.")
         most_steps = num_steps
+    if most_steps == 0:
+        return state
     num_entries = state.vehicles.row.shape[0]
     # who looks at leaders anywhere, or is put where a log has him, needs everybody at the same step
     in_step = state.manoeuvres is not None or isinstance(world.driver, Replay)

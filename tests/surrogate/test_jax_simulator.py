@@ -122,6 +122,19 @@ def test_frames_cover_the_drive_every_half_second(outcomes: dict[str, RunOutcome
         assert 5.0 < diary["subject_speed"] / diary["frames"] <= 20.0 + 1e-3  # its vType's maxSpeed
 
 
+def test_steps_as_long_as_frames(template: WorldTemplate, requests: dict[str, RunRequest]) -> None:
+    """They leave no step between a frame and a decision; the road is long enough for several tiles."""
+    coarse = JaxSimulator(
+        template, Diary(), Sensor(jnp.asarray(140.0), jnp.asarray(110.0), 24), Clock(0.5, 2),
+        end_s=END_S, capacity=480, runs_per_device=1,
+    )  # fmt: skip
+    (outcome,) = coarse.run([requests["base"]])
+    diary = told(outcome)
+    assert outcome.status is Status.OK
+    assert diary["frames"] == 1 + round((diary["last_s"] - diary["first_s"]) / 0.5)
+    assert 5.0 < diary["subject_speed"] / diary["frames"] <= 20.0 + 1e-3
+
+
 def test_nobody_enters_who_has_not_arrived(outcomes: dict[str, RunOutcome]) -> None:
     for outcome in outcomes.values():
         assert (outcome.num_inserted <= outcome.num_arrived).all()
