@@ -220,7 +220,13 @@ def search_values(
     found = search_two_stages(problem, initial, surrogate, settings, plan, seed, progress, journal.clock)
     for name, wall_s in found.wall_s.items():
         stopwatch.add(name, wall_s)
-    confirming = Evaluator(sumo, problem.departs_s("fit"), first_seed + CONFIRMATION_SEED, progress.sumo_runs)
+    confirming = Evaluator(
+        sumo,
+        problem.departs_s("fit"),
+        first_seed + CONFIRMATION_SEED,
+        progress.sumo_runs,
+        shares_runs=problem.template.can_share_runs,
+    )
     with stopwatch.time("confirmation"):
         confirmation = confirm(
             found, initial, surrogate, confirming, plan, progress, lambda: stopwatch.start("corrected_search")

@@ -225,7 +225,9 @@ def _health(record: CalibrationRecord) -> dict[str, SimulationHealth]:
 
 
 def _timing(record: CalibrationRecord) -> dict[str, float]:
-    runs = [outcome.wall_s for outcome in record.confirmation.outcomes if outcome.status.is_ok]
+    # of the runs with one subject vehicle, as the search's are
+    final = [outcome for runs in record.calibrated.values() for outcome in runs.outcomes]
+    runs = [outcome.wall_s for outcome in final if outcome.status.is_ok]
     sumo_run_s = float(np.mean(runs)) if runs else float("nan")
     search_s = sum(record.wall_s.get(part, 0.0) for part in SEARCH_PARTS)
     return {

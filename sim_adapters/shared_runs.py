@@ -1,9 +1,13 @@
 """One SUMO run with several subject vehicles: most of a run is the traffic that fills the road before any of them."""
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from itertools import pairwise
 
 from sim_adapters.interface import RunRequest
+
+LEAST_APART_S = 40.0  # between subject vehicles of one run: they do not see each other unless traffic hardly moves
+MOST_PER_RUN = 3  # with more, means would rest on a handful of runs
+FURTHER_WORTH = 0.7  # what a further drive of a run tells, in drives with a run of their own; 0.75 measured with jams
 
 
 def departures_s(request: RunRequest) -> tuple[float, ...]:
@@ -23,21 +27,27 @@ def subject_names(vehicle: str, departs_s: Sequence[float]) -> tuple[str, ...]:
 
 def shared_runs(requests: Sequence[RunRequest]) -> list[list[int]]:
     """Return the numbers of the requests that one run answers together, in the order of their first ones."""
-    found: dict[tuple, list[int]] = {}
+    found: dict[Hashable, list[int]] = {}
     for number, request in enumerate(requests):
-        effects = tuple((name, repr(setting)) for name, setting in request.effects.items())
         # a run with one subject vehicle is made as often as it is asked for
         alone = number if not request.also_depart_s else None
-        key = (request.values, request.seed, departures_s(request), effects, alone)
-        found.setdefault(key, []).append(number)
+        effects = tuple((name, repr(setting)) for name, setting in request.effects.items())
+        found.setdefault((request.values, request.seed, departures_s(request), effects, alone), []).append(number)
     return list(found.values())
 
 
-def departures_apart(departs_s: Sequence[float], least_apart_s: float, most: int) -> list[tuple[float, ...]]:
+def drives_worth(num_drives: float, num_runs: float) -> float:
+    """Return what drives that share runs tell, in drives with a run of their own."""
+    return num_runs + FURTHER_WORTH * (num_drives - num_runs)
+
+
+def departures_apart(
+    departs_s: Sequence[float], least_apart_s: float = LEAST_APART_S, most: int = MOST_PER_RUN
+) -> list[tuple[float, ...]]:
     """Return departures dealt to as few runs as keep those of one run apart, as evenly as that allows.
 
     Args:
-        departs_s: departures, each once.
+        departs_s: departures; equal ones never share a run.
         least_apart_s: time between two departures of one run, at least.
         most: departures of one run, at most.
     """

@@ -78,6 +78,11 @@ class WorldTemplate:
     logged_drives: tuple[LoggedDrive, ...] = ()
     distant_vtypes: Mapping[str, str] = field(default_factory=dict)
 
+    @property
+    def can_share_runs(self) -> bool:
+        """Whether several subject vehicles may drive in one SUMO run: where it alone drives them and all others."""
+        return not self.subject_model.is_controlled and not self.distant_vtypes
+
     def base_demand_vehph(self) -> np.ndarray:
         """Return the demand of each input as the scenario has it."""
         demand = np.zeros(self.layout.num_inputs + 1)

@@ -92,6 +92,7 @@ def confirm(
     progress.stage(CONFIRMATION)
     space, objective = initial.space, found.objective
     num_sumo = sumo.rounds_of(budget.confirmation_runs)
+    worth = sumo.worth(num_sumo)
     num_surrogate = surrogate.rounds_of(budget.noise_runs)
     course: list[CourseEntry] = found.course
     confirmed: list[Confirmed] = []
@@ -112,13 +113,13 @@ def confirm(
         run = SearchRun(surrogate, space, objective, course)
         seen = run.rejudge(in_surrogate.pooled, values, num_surrogate)
         plain = replace(objective, discrepancy=None)
-        residuals = plain.residuals(seen.unit, in_sumo.pooled, num_sumo)
+        residuals = plain.residuals(seen.unit, in_sumo.pooled, worth)
         accuracy = float(plain.accuracy(residuals)[0])
         if not np.isfinite(accuracy):
             break  # SUMO never showed one of the moments: nothing can be said of these values, as of a failed run
         finalists.append(Finalist(unit, accuracy, float(seen.accuracy[0]), origin))
         progress.best(max(one.accuracy for one in finalists))
-        confirmed.append(Confirmed(unit, in_surrogate.pooled[0], num_surrogate, in_sumo.pooled[0], num_sumo))
+        confirmed.append(Confirmed(unit, in_surrogate.pooled[0], num_surrogate, in_sumo.pooled[0], worth))
         discrepancy = learn_discrepancy(objective.moments, objective.covariance, objective.num_drives, confirmed)
         objective = replace(objective, discrepancy=discrepancy)
         if number + 1 == budget.confirmation_rounds:

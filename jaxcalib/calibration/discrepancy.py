@@ -25,14 +25,14 @@ class Confirmed:
         surrogate: pooled tallies.
         surrogate_runs: runs behind them.
         sumo: pooled tallies.
-        sumo_runs: runs behind them.
+        sumo_runs: independent runs that tell as much as those behind them.
     """
 
     unit: Float[np.ndarray, " parameter"]
     surrogate: Float[np.ndarray, " tally"]
     surrogate_runs: int
     sumo: Float[np.ndarray, " tally"]
-    sumo_runs: int
+    sumo_runs: float
 
 
 @dataclass(frozen=True)

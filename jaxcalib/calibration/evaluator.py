@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from sim_adapters.interface import RunOutcome, RunRequest, Simulator
+from sim_adapters.shared_runs import departures_apart, drives_worth
 
 MOST_FAILED_SHARE = 0.1  # of a candidate's runs; with more it has failed, for what it lost need not be like the rest
 
@@ -40,7 +41,12 @@ class Evaluator:
     """Runs candidates in one simulator with common random numbers."""
 
     def __init__(
-        self, simulator: Simulator, departs_s: tuple[float, ...], first_seed: int, on_runs: OnRuns | None = None
+        self,
+        simulator: Simulator,
+        departs_s: tuple[float, ...],
+        first_seed: int,
+        on_runs: OnRuns | None = None,
+        shares_runs: bool = False,
     ) -> None:
         """Keep what all evaluations share.
 
@@ -49,9 +55,13 @@ class Evaluator:
             departs_s: departures of the drives that are matched; runs take them in turn.
             first_seed: seed of the first run; each run of a candidate has a seed of its own.
             on_runs: told how many runs have been made.
+            shares_runs: whether subject vehicles that depart far enough apart drive in one run, with one seed; then
+                what counts as a run here is a drive. Only SUMO can do that, and only where it drives them.
         """
         self._simulator = simulator
-        self._departs_s = departs_s
+        self._departs_s = interleaved_departs_s(departs_s)
+        self._dealt = departures_apart(self._departs_s) if shares_runs else [(one,) for one in self._departs_s]
+        self._run_of = _numbers_of_runs(self._departs_s, self._dealt)
         self._first_seed = first_seed
         self._on_runs = on_runs
         self._num_tallies = 0  # not known before the first run that succeeds
@@ -59,20 +69,28 @@ class Evaluator:
 
     def rounds_of(self, num_runs: int) -> int:
         """Return a number of runs near the wanted one in which each drive occurs equally often."""
-        per_round = len(interleaved_departs_s(self._departs_s))
+        per_round = len(self._departs_s)
         return max(1, round(num_runs / per_round)) * per_round
+
+    def worth(self, num_runs: int) -> float:
+        """Return how many independent runs tell what so many of these do."""
+        return drives_worth(num_runs, num_runs * len(self._dealt) / len(self._departs_s))
 
     def requests(self, values: Float[np.ndarray, " parameter"], num_runs: int, offset: int = 0) -> list[RunRequest]:
         """Return the runs of one candidate."""
-        departs = interleaved_departs_s(self._departs_s)
-        return [
-            RunRequest(
-                values=tuple(float(value) for value in values),
-                seed=self._first_seed + offset + run,
-                depart_s=departs[run % len(departs)],
+        requests = []
+        for number in range(num_runs):
+            begun, place = divmod(number, len(self._departs_s))
+            depart_s, run = self._departs_s[place], self._run_of[place]
+            requests.append(
+                RunRequest(
+                    values=tuple(float(value) for value in values),
+                    seed=self._first_seed + offset + begun * len(self._dealt) + run,
+                    depart_s=depart_s,
+                    also_depart_s=tuple(other for other in self._dealt[run] if other != depart_s),
+                )
             )
-            for run in range(num_runs)
-        ]
+        return requests
 
     def evaluate(self, values: Float[np.ndarray, "candidate parameter"], num_runs: int, offset: int = 0) -> Evaluations:
         """Run candidates.
@@ -129,6 +147,17 @@ class AllRunsFailedError(RuntimeError):
 def interleaved_departs_s(departs_s: tuple[float, ...]) -> list[float]:
     """Return departures in an order in which any few in a row differ; runs take them in turn."""
     return sorted(set(departs_s)) if _is_even(departs_s) else list(departs_s)
+
+
+def _numbers_of_runs(departs_s: list[float], dealt: list[tuple[float, ...]]) -> list[int]:
+    """Return in which of the runs each departure is; equal departures are in different ones."""
+    free = [list(one) for one in dealt]
+    numbers = []
+    for depart_s in departs_s:
+        number = next(number for number, left in enumerate(free) if depart_s in left)
+        free[number].remove(depart_s)
+        numbers.append(number)
+    return numbers
 
 
 def _is_even(departs_s: tuple[float, ...]) -> bool:

@@ -59,7 +59,7 @@ class Objective:
         self,
         unit: Float[np.ndarray, "candidate parameter"],
         pooled: Float[np.ndarray, "candidate tally"],
-        num_runs: int,
+        num_runs: float,
     ) -> Float[np.ndarray, "candidate residual"]:
         """Return whitened residuals, simulated less field, then those of the evidence.
 
@@ -81,7 +81,7 @@ class Objective:
         whitened = np.linalg.solve(factor, (simulated - self.field).T).T
         return np.concatenate([whitened, self.evidence.residuals(unit)], axis=1)
 
-    def variance(self, num_runs: int) -> Float[np.ndarray, "moment moment"]:
+    def variance(self, num_runs: float) -> Float[np.ndarray, "moment moment"]:
         """Return the covariance of simulated less field moments at the true parameters."""
         noise = self.covariance * (1.0 / self.num_drives + 1.0 / num_runs)
         if self.discrepancy is None:

@@ -14,7 +14,7 @@ from jaxcalib.diagnosis.features import DriveTallies, TallyBook, gather_tallies
 from jaxcalib.diagnosis.identities import count_identities
 from jaxcalib.problem import CalibrationProblem
 from sim_adapters.interface import RunRequest
-from sim_adapters.shared_runs import departures_apart, departures_s
+from sim_adapters.shared_runs import departures_apart, departures_s, drives_worth
 from sim_adapters.sumo_simulator import SensorRange, SumoSimulator
 from surrogate.effects.base import EffectSetting
 from surrogate.perception import PerceptionFrame
@@ -22,11 +22,6 @@ from surrogate.perception import PerceptionFrame
 MOST_FAILED_SHARE = 0.5
 RHYTHM_S = (0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.2, 1.5)
 LANE_CHANGE_S = (1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0)
-LEAST_APART_S = 40.0  # between subject vehicles of one run: they do not see each other unless traffic hardly moves
-MOST_PER_RUN = 3  # with more, parts of a diagnosis would rest on a handful of runs
-FURTHER_WORTH = (
-    0.7  # in drives with a run of their own: what each further drive of a run tells; 0.75 on case 13, with jams
-)
 
 
 @dataclass(frozen=True)
@@ -95,16 +90,17 @@ def alterations_of(strengths: Mapping[str, Sequence[float]], interval_s: float) 
 
 def departures_of_runs(problem: CalibrationProblem) -> list[tuple[float, ...]]:
     """Return the drives' departures, dealt to runs with several subject vehicles each."""
-    return departures_apart(sorted({drive.depart_s for drive in problem.case.drives}), LEAST_APART_S, MOST_PER_RUN)
+    departs_s = sorted({drive.depart_s for drive in problem.case.drives})
+    return departures_apart(departs_s) if problem.template.can_share_runs else [(one,) for one in departs_s]
 
 
 def num_runs_for(problem: CalibrationProblem, num_drives: int) -> int:
     """Return how many runs tell as much as so many drives with a run of their own."""
     dealt = departures_of_runs(problem)
-    per_run = sum(len(departs_s) for departs_s in dealt) / len(dealt)
-    if per_run == 1.0:
+    per_round = sum(map(len, dealt))
+    if per_round == len(dealt):
         return num_drives
-    num_runs = math.ceil(num_drives / (1.0 + FURTHER_WORTH * (per_run - 1.0)))
+    num_runs = math.ceil(num_drives * len(dealt) / drives_worth(per_round, len(dealt)))
     return len(dealt) * math.ceil(num_runs / len(dealt))  # each departure equally often
 
 

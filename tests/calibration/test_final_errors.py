@@ -3,6 +3,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from jaxcalib.calibration.final_errors import FinalRuns, runs_of_role, with_outcomes
+from jaxcalib.simulation_health import health_of
 from sim_adapters.interface import RunOutcome, RunRequest, Status
 
 DEPARTS_S = (300.0, 340.0, 300.0)
@@ -46,3 +47,17 @@ def test_runs_for_one_role_serve_the_other_each_drive_equally_often():
     # a third run for the second drive would weigh it more than the first
     found = runs_of_role(problem, runs, "fit")  # pyright: ignore[reportArgumentType]
     assert found.tally[:, 0].tolist() == [1.0, 3.0]
+
+
+def test_drives_that_share_a_run_count_once_in_its_health():
+    none = np.asarray([10])
+
+    def drive(depart_s: float, also_s: tuple[float, ...], status: Status) -> RunOutcome:
+        request = RunRequest((1.0,), 5, depart_s, also_depart_s=also_s)
+        return RunOutcome(request, status, None, none, none - 1, num_collisions=3, num_teleports=2)
+
+    shared = [drive(300.0, (360.0,), Status.OK), drive(360.0, (300.0,), Status.SUBJECT_MISSING)]
+    alone = [drive(300.0, (), Status.OK), drive(300.0, (), Status.OK)]
+    health = health_of([*shared, *alone])
+    assert (health.runs, health.failed, health.collisions, health.teleports) == (3, 1, 9, 6)
+    assert health.backlog_share == 0.1

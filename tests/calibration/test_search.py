@@ -78,6 +78,26 @@ def test_all_candidates_run_the_same_seeds_and_each_drive_equally_often():
     assert evaluator.rounds_of(5) == 4
 
 
+def test_drives_that_share_a_run_have_its_seed_and_know_of_each_other():
+    simulator = ToySimulator()
+    evaluator = Evaluator(simulator, (300.0, 320.0, 380.0, 300.0, 320.0, 380.0), 70, shares_runs=True)
+    evaluator.evaluate(SPACE.values_of(START[None]), 6)
+    made = [(one.seed, one.depart_s, one.also_depart_s) for one in simulator.requests]
+    first = [(70, 300.0, (380.0,)), (71, 320.0, ()), (70, 380.0, (300.0,))]
+    assert made == first + [(seed + 2, *others) for seed, *others in first]
+    assert evaluator.worth(6) == pytest.approx(4 + 0.7 * 2)
+
+
+def test_drives_that_depart_together_never_share_a_run():
+    simulator = ToySimulator()
+    evaluator = Evaluator(simulator, (300.0, 380.0, 300.0), 1, shares_runs=True)
+    evaluator.evaluate(SPACE.values_of(START[None]), 6)
+    departures = [(one.seed, one.depart_s) for one in simulator.requests]
+    assert len(set(departures)) == 6
+    assert all(one.depart_s not in one.also_depart_s for one in simulator.requests)
+    assert Evaluator(simulator, (300.0, 380.0), 1).worth(6) == 6
+
+
 def test_nothing_but_failures_is_said_plainly():
     evaluator = Evaluator(ToySimulator(failing=(0.0, 1.0)), (300.0,), 1)
     with pytest.raises(AllRunsFailedError, match="all 3 runs failed"):
