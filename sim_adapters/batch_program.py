@@ -28,7 +28,7 @@ class BatchInputs(eqx.Module):
     Attributes:
         values: parameter vectors; all are arrays with a leading axis for runs, or the shapes of such.
         seeds: seeds.
-        departs_s: when the subject vehicles depart.
+        departs_s: when the subject vehicle of each run departs; with a second axis where runs have several.
         settings: unmodelled effects, see `surrogate.effects.settings`; None for a simulator without any.
     """
 
@@ -87,30 +87,31 @@ class BatchProgram:
     batch: int
     mesh: Mesh
 
-    def compiled(self, capacity: int, store: ProgramStore | None) -> CompiledBatch:
+    def compiled(self, capacity: int, num_subjects: int, store: ProgramStore | None) -> CompiledBatch:
         """Return the program: from the store if it is there.
 
         Args:
             capacity: vehicles on a road for which there is room.
+            num_subjects: subject vehicles of each run.
             store: where programs are kept; None keeps none.
 
         Raises:
             TooLargeBatchError: a batch does not fit into the devices' memory.
         """
-        inputs = self._input_shapes()
+        inputs = self._input_shapes(num_subjects)
         course = jax.eval_shape(lambda inputs: self._at_start(inputs, capacity), inputs)
         device, num_runs = self.mesh.devices.flat[0], self.batch // self.mesh.size
         where_runs_are = sum(leaf.size * leaf.dtype.itemsize for leaf in jax.tree.leaves(course))
         check_memory(where_runs_are // self.mesh.size, num_runs, device)  # the least: no need to compile
-        made = self._loaded_or_compiled(inputs, course, capacity, store)
+        made = self._loaded_or_compiled(inputs, course, capacity, num_subjects, store)
         check_memory(made.device_bytes or 0, num_runs, device)
         return made
 
     def _loaded_or_compiled(
-        self, inputs: BatchInputs, course: Course, capacity: int, store: ProgramStore | None
+        self, inputs: BatchInputs, course: Course, capacity: int, num_subjects: int, store: ProgramStore | None
     ) -> CompiledBatch:
         arguments = inputs, course, jax.ShapeDtypeStruct((self.batch,), bool), jax.ShapeDtypeStruct((), jnp.float32)
-        key = None if store is None else store.key(self._made_from(capacity))
+        key = None if store is None else store.key((*self._made_from(capacity), num_subjects))
         if store is not None and key is not None:
             kept = store.load(key, arguments, course)
             if kept is not None:
@@ -141,12 +142,13 @@ class BatchProgram:
             capacity,
         )
 
-    def _input_shapes(self) -> BatchInputs:
+    def _input_shapes(self, num_subjects: int) -> BatchInputs:
+        departs = (self.batch,) if num_subjects == 1 else (self.batch, num_subjects)
         settings = jax.ShapeDtypeStruct((self.batch, *settings_table({}).shape), jnp.float32)
         return BatchInputs(
             values=jax.ShapeDtypeStruct((self.batch, len(self.template.layout.names)), jnp.float32),
             seeds=jax.ShapeDtypeStruct((self.batch,), jnp.int32),
-            departs_s=jax.ShapeDtypeStruct((self.batch,), jnp.float32),
+            departs_s=jax.ShapeDtypeStruct(departs, jnp.float32),
             settings=settings if self.has_effects else None,
         )
 
@@ -178,6 +180,7 @@ class BatchProgram:
             inputs: BatchInputs, course: Course, is_fresh: Bool[Array, " run"], share_left: Float[Array, ""]
         ) -> Course:
             worlds, axes = self._worlds(inputs)
+            first_s = inputs.departs_s if inputs.departs_s.ndim == 1 else jnp.min(inputs.departs_s, axis=1)
             start = at_start(worlds, axes, self.sensor, self.observer, self._plan(capacity))
             start = eqx.tree_at(lambda one: one.is_over, start, course.is_over)  # some places are nobody's
             course = jax.tree.map(
@@ -192,7 +195,7 @@ class BatchProgram:
                 self.sensor,
                 self.observer,
                 self._plan(capacity),
-                first_frame_s=inputs.departs_s - self.clock.interval_s,
+                first_frame_s=first_s - self.clock.interval_s,
                 end_s=jnp.asarray(self.end_s, jnp.float32),
                 most_unfinished=jnp.floor(share_left * jnp.sum(~course.is_over)).astype(jnp.int32),
             )

@@ -63,7 +63,7 @@ class RunRequest:
         depart_s: when the subject vehicle departs.
         effects: unmodelled effects by name; only a simulator with effects can have any.
         also_depart_s: when further subject vehicles of the same run depart; requests that differ in nothing but which
-            of its subject vehicles they ask for are answered by one run. Only SUMO can have any.
+            of its subject vehicles they ask for are answered by one run.
     """
 
     values: tuple[float, ...]

@@ -12,8 +12,10 @@ from sim_adapters.batch_program import BatchInputs, BatchProgram, CompiledBatch
 from sim_adapters.interface import ParameterLayout, RunOutcome, RunRequest, Status
 from sim_adapters.program_store import ProgramStore
 from sim_adapters.run_queue import Going, RunQueue
+from sim_adapters.shared_runs import departures_s, shared_runs
+from sim_adapters.surrogate_outcome import outcome_of
 from sim_adapters.world_builder import WorldTemplate
-from surrogate.course import Course, Observer, RunRecord
+from surrogate.course import Course, Observer
 from surrogate.effects.settings import settings_table
 from surrogate.materialise import on_processors
 from surrogate.perception import Sensor
@@ -24,10 +26,6 @@ from surrogate.world import Clock
 ON_PROCESSORS, ON_ACCELERATORS = (1 << 14, 4, 16), (1 << 21, 64, 4096)
 CAPACITY_STEP = 32
 GROWTH = 1.5  # of the room, where too many runs need more
-# Steps of overlap allowed in all and per vehicle; SUMO goes on after a collision as well, and Wiedemann's drivers, who
-# react late by design, touch now and then where lanes merge.
-COLLISION_STEPS_ALLOWED = 100
-COLLISION_STEPS_PER_VEHICLE = 1.0
 
 
 class JaxSimulator:
@@ -84,7 +82,7 @@ class JaxSimulator:
         self._batches = BatchProgram(
             template, observer, sensor, clock, end_s, self._steps_per_frame, has_effects, self._batch, self._mesh
         )
-        self._programs: dict[int, CompiledBatch] = {}
+        self._programs: dict[tuple[int, int], CompiledBatch] = {}
         self._compiling = threading.Lock()
         self.compile_s = 0.0
 
@@ -119,7 +117,7 @@ class JaxSimulator:
 
     def prepare(self) -> None:
         """Compile what runs need; may be called in a thread while something else goes on."""
-        self._program(self._capacity)
+        self._program(1)
 
     def memory_bytes(self) -> int:
         """Return what a batch takes on all devices together, inputs and results included.
@@ -127,7 +125,7 @@ class JaxSimulator:
         Raises:
             RuntimeError: the devices do not tell.
         """
-        device_bytes = self._program(self._capacity).device_bytes
+        device_bytes = self._program(1).device_bytes
         if device_bytes is None:
             raise RuntimeError("These devices do not tell how much memory a program needs.")
         return device_bytes * self._mesh.size
@@ -141,17 +139,18 @@ class JaxSimulator:
         """Make all runs and return their outcomes in the same order.
 
         Runs are grouped by departure, since a batch lasts as long as its longest run. A call whose runs need more room
-        leaves that room to those after it.
+        leaves that room to those after it. Each number of subject vehicles has a program of its own.
 
         Raises:
-            ValueError: a request names effects, but this simulator has none, or several subject vehicles.
+            ValueError: a request names effects, but this simulator has none; or several subject vehicles, but they
+                have a driver of their own or others follow otherwise far from them.
             UnknownEffectError: a request names one that there is not.
             TooLargeBatchError: a batch does not fit into the devices' memory.
         """
         if not self._has_effects and any(request.effects for request in requests):
             raise ValueError("Expected requests without effects; a simulator from `with_effects()` takes them.")
-        if any(request.also_depart_s for request in requests):
-            raise ValueError("Expected requests with one subject vehicle each; only SUMO's runs can have several.")
+        if any(request.also_depart_s for request in requests) and not self._template.can_share_runs:
+            raise ValueError("Expected one subject vehicle where it has a driver, or others differ far from it.")
         outcomes = self._run_all(requests)
         while sum(outcome.status is Status.OVERFULL for outcome in outcomes) > self._most_overfull_share * len(
             outcomes
@@ -163,28 +162,35 @@ class JaxSimulator:
         return outcomes
 
     def _run_all(self, requests: Sequence[RunRequest]) -> list[RunOutcome]:
-        order = sorted(range(len(requests)), key=lambda index: requests[index].depart_s)
+        asked = shared_runs(requests)  # by which requests, for each run
+        departs_s = [departures_s(requests[numbers[0]]) for numbers in asked]
         outcomes: list[RunOutcome | None] = [None] * len(requests)
-        queue = RunQueue(order, self._batch)
-        while runs := queue.take():
-            course = self._go_on([requests[run.number] for run in runs], runs, queue.share_left)
-            for run, lane in zip(runs, self._lanes(len(runs)), strict=True):
-                if course.is_over[lane]:
-                    record = jax.tree.map(lambda leaf, lane=lane: leaf[lane], course.record)
-                    outcomes[run.number] = _outcome(requests[run.number], record, run.wall_s)
-                else:
-                    run.course = jax.tree.map(lambda leaf, lane=lane: leaf[lane], course)
-                    queue.put_back(run)
+        for num_subjects in sorted(set(map(len, departs_s))):
+            together = [run for run, departures in enumerate(departs_s) if len(departures) == num_subjects]
+            queue = RunQueue(sorted(together, key=lambda run: departs_s[run]), self._batch)
+            while runs := queue.take():
+                firsts = [requests[asked[run.number][0]] for run in runs]
+                course = self._go_on(firsts, runs, queue.share_left, num_subjects)
+                for run, lane in zip(runs, self._lanes(len(runs)), strict=True):
+                    if course.is_over[lane]:
+                        record = jax.tree.map(lambda leaf, lane=lane: leaf[lane], course.record)
+                        for number in asked[run.number]:
+                            share_s = run.wall_s / len(asked[run.number])
+                            outcomes[number] = outcome_of(requests[number], record, share_s)
+                    else:
+                        run.course = jax.tree.map(lambda leaf, lane=lane: leaf[lane], course)
+                        queue.put_back(run)
         return [outcome for outcome in outcomes if outcome is not None]
 
-    def _program(self, capacity: int) -> CompiledBatch:
-        """Return the program for a batch, loaded or compiled when it is needed first."""
+    def _program(self, num_subjects: int) -> CompiledBatch:
+        """Return the program for a batch with the present room, loaded or compiled when it is needed first."""
+        wanted = self._capacity, num_subjects
         with self._compiling:
-            if capacity not in self._programs:
+            if wanted not in self._programs:
                 began = time.perf_counter()
-                self._programs[capacity] = self._batches.compiled(capacity, self._programs_kept)
+                self._programs[wanted] = self._batches.compiled(*wanted, self._programs_kept)
                 self.compile_s += time.perf_counter() - began
-            return self._programs[capacity]
+            return self._programs[wanted]
 
     def _lanes(self, number: int) -> list[int]:
         """Return the places in a batch of so many runs, dealt out evenly to the devices."""
@@ -192,11 +198,12 @@ class JaxSimulator:
         per_device = self._batch // num_devices
         return [index % num_devices * per_device + index // num_devices for index in range(number)]
 
-    def _go_on(self, requests: list[RunRequest], runs: list[Going], share_left: float) -> Course:
+    def _go_on(self, requests: list[RunRequest], runs: list[Going], share_left: float, num_subjects: int) -> Course:
         """Return where the runs of a batch are when at most a share of them is left, and add to their times."""
-        compiled = self._program(self._capacity)
+        compiled = self._program(num_subjects)
         began = time.perf_counter()
         lanes = self._lanes(len(runs))
+        alone = 1 if num_subjects == 1 else ()
         filled = [requests[-1]] * self._batch
         course = jax.tree.map(lambda leaf: np.zeros(leaf.shape, leaf.dtype), compiled.course)
         course.is_over[:] = True  # places that nobody needs
@@ -210,7 +217,7 @@ class JaxSimulator:
         inputs = BatchInputs(
             values=np.asarray([request.values for request in filled], np.float32),
             seeds=np.asarray([request.seed for request in filled], np.int32),
-            departs_s=np.asarray([request.depart_s for request in filled], np.float32),
+            departs_s=np.asarray([departures_s(request) for request in filled], np.float32).squeeze(axis=alone),
             settings=np.asarray([settings_table(request.effects) for request in filled], np.float32)
             if self._has_effects
             else None,
@@ -224,10 +231,6 @@ class JaxSimulator:
         return found
 
 
-def _collisions_allowed(record: RunRecord) -> float:
-    return max(COLLISION_STEPS_ALLOWED, COLLISION_STEPS_PER_VEHICLE * float(np.sum(record.num_inserted)))
-
-
 def _round_up(capacity: float) -> int:
     return int(-(-capacity // CAPACITY_STEP)) * CAPACITY_STEP
 
@@ -237,28 +240,3 @@ def usual_runs_per_device(capacity: int) -> int:
     places, least, most = ON_PROCESSORS if on_processors() else ON_ACCELERATORS
     runs = 1 << max(0, places // capacity).bit_length() - 1
     return min(max(runs, least), most)
-
-
-def _outcome(request: RunRequest, record: RunRecord, wall_s: float) -> RunOutcome:
-    num_overlaps = int(record.num_subject_overlaps)
-    status = Status.OK
-    if int(record.num_lost):
-        status = Status.OVERFULL
-    elif not bool(record.is_finite) or not np.isfinite(record.observed).all():
-        status = Status.NONFINITE
-    elif not bool(record.subject_entered):
-        status = Status.SUBJECT_MISSING
-    # a replayed vehicle overlaps others without being able to help it; both it and its follower count
-    elif int(record.num_collisions) - 2 * num_overlaps > _collisions_allowed(record):
-        status = Status.COLLIDED
-    return RunOutcome(
-        request=request,
-        status=status,
-        observed=record.observed if status.is_ok else None,
-        num_arrived=np.asarray(record.num_arrived),
-        num_inserted=np.asarray(record.num_inserted),
-        num_collisions=int(record.num_collisions),
-        num_subject_overlaps=num_overlaps,
-        num_vehicle_steps=int(record.num_vehicle_steps),
-        wall_s=wall_s,
-    )

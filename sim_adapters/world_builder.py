@@ -80,7 +80,7 @@ class WorldTemplate:
 
     @property
     def can_share_runs(self) -> bool:
-        """Whether several subject vehicles may drive in one SUMO run: where it alone drives them and all others."""
+        """Whether several subject vehicles may drive in one run: where all vehicles follow their vTypes' models."""
         return not self.subject_model.is_controlled and not self.distant_vtypes
 
     def base_demand_vehph(self) -> np.ndarray:
@@ -102,7 +102,7 @@ class WorldTemplate:
         self,
         values: Float[Array, " parameter"],
         seed: Int[Array, ""],
-        depart_s: Float[Array, ""],
+        depart_s: Float[Array, "*subject"],
         effects: Effects | None = None,
     ) -> World:
         """Return the world of one run.
@@ -110,7 +110,7 @@ class WorldTemplate:
         Args:
             values: parameter vector in the order of the layout.
             seed: seed of the run.
-            depart_s: when the subject vehicle departs.
+            depart_s: when the subject vehicle departs, or each of several; see `SubjectPlan`.
             effects: what the baseline lacks; None for the baseline.
         """
         num_inputs = self.layout.num_inputs

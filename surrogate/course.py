@@ -35,7 +35,7 @@ class RunRecord(eqx.Module):
     What happens later depends on how long others of the batch drive, and is nobody's business.
 
     Attributes:
-        observed: what the observer made of the drive.
+        observed: what the observer made of the drive; of each drive if there are several subject vehicles.
         num_arrived: vehicles that asked to enter, per entrance.
         num_inserted: vehicles that entered, per entrance.
         num_on_road: most vehicles on the road at once, sampled at each block's end.
@@ -44,7 +44,7 @@ class RunRecord(eqx.Module):
         num_subject_overlaps: steps in which a replayed subject vehicle overlaps another vehicle.
         num_lost: newcomers that found the arrays full; a run with any is not valid.
         num_lane_changes: lane changes on the whole road by reason.
-        subject_entered: whether the subject vehicle found its way onto the road.
+        subject_entered: whether the subject vehicle, each of them if there are several, found its way onto the road.
         subject_left: whether it reached its destination.
         is_finite: whether all positions and speeds are finite at the end.
     """
@@ -58,8 +58,8 @@ class RunRecord(eqx.Module):
     num_subject_overlaps: Int[Array, ""]
     num_lost: Int[Array, ""]
     num_lane_changes: Int[Array, " reason"]
-    subject_entered: Bool[Array, ""]
-    subject_left: Bool[Array, ""]
+    subject_entered: Bool[Array, "*subject"]
+    subject_left: Bool[Array, "*subject"]
     is_finite: Bool[Array, ""]
 
 

@@ -30,7 +30,7 @@ SPEED_FACTOR_BOUNDS = (0.2, 2.0)  # SUMO's defaults for normc
 
 
 def subject_identity(num_entrances: int) -> int:
-    """Return what keys the subject vehicle's random numbers."""
+    """Return what keys the first subject vehicle's random numbers; those of further ones follow."""
     return num_entrances * ENTRANCE_STRIDE
 
 
@@ -71,16 +71,34 @@ class SubjectPlan(eqx.Module):
     """When and where the subject vehicle enters.
 
     Attributes:
-        depart_s: when it enters, or as soon after as there is room.
+        depart_s: when it enters, or as soon after as there is room. Several subject vehicles have a time each, in
+            order.
         entrance: index of its entrance.
         destination: index of its destination.
         vehicle_class: its class; a number of the trace, not a leaf.
     """
 
-    depart_s: Float[Array, ""]
+    depart_s: Float[Array, "*subject"]
     entrance: int = eqx.field(static=True)
     destination: int = eqx.field(static=True)
     vehicle_class: int = eqx.field(static=True)
+
+    @property
+    def num_subjects(self) -> int:
+        """How many subject vehicles there are; 0 where there is one, of which arrays then have no axis."""
+        return self.depart_s.shape[0] if self.depart_s.ndim else 0
+
+    def waiting(self, inserted: Bool[Array, "*subject"], now_s: Float[Array, ""]) -> tuple[Array, Array | int]:
+        """Return whether one waits to enter, and which.
+
+        Args:
+            inserted: which are on the road, or were.
+            now_s: time.
+        """
+        waits = ~inserted & (now_s >= self.depart_s)
+        if not self.num_subjects:
+            return waits, 0
+        return jnp.any(waits), jnp.argmax(waits).astype(jnp.int32)
 
 
 class Queues(eqx.Module):
@@ -188,7 +206,7 @@ def entrants(
     vehicles = state.vehicles
     num_entrances, num_lanes = inflow.lane_row.shape
     rank = jnp.broadcast_to(jnp.arange(num_lanes, dtype=jnp.int32), (num_entrances, num_lanes))
-    waits_subject = ~state.subject_inserted & (now_s >= subject.depart_s)
+    waits_subject, which_subject = subject.waiting(state.subject_inserted, now_s)
     at_subject_entrance = jnp.arange(num_entrances) == subject.entrance
     subject_first = (at_subject_entrance & waits_subject)[:, None]
     is_subject = subject_first & (rank == 0)
@@ -196,7 +214,8 @@ def entrants(
     is_waiting = (arrival < queues.num_arrived[:, None]) | is_subject
 
     entrance = jnp.broadcast_to(jnp.arange(num_entrances, dtype=jnp.int32)[:, None], rank.shape)
-    identity = jnp.where(is_subject, subject_identity(num_entrances), entrance * ENTRANCE_STRIDE + arrival)
+    subject_key = subject_identity(num_entrances) + which_subject
+    identity = jnp.where(is_subject, subject_key, entrance * ENTRANCE_STRIDE + arrival)
     flow = _draw(inflow.flow_share, seed, identity, Purpose.FLOW)
     vehicle_class = jnp.take_along_axis(inflow.flow_class, flow, axis=1)
     vehicle_class = jnp.where(is_subject, subject.vehicle_class, vehicle_class)
@@ -248,7 +267,7 @@ def entrants(
         vehicle_class=vehicle_class.reshape(-1),
         destination=destination.reshape(-1),
         identity=identity.reshape(-1),
-        track=jnp.full_like(row.reshape(-1), UNSEEN),
+        track=jnp.full((row.size, *vehicles.track.shape[1:]), UNSEEN, jnp.int32),
         speed_factor=speed_factor.reshape(-1),
         gain_left_memory=zero,
         gain_right_memory=zero,

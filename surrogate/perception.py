@@ -125,16 +125,31 @@ def in_order(frame: PerceptionFrame) -> PerceptionFrame:
 
 
 def perceive(
-    state: TrafficState, road: Road, sensor: Sensor, subject_class: int, time_s: Float[Array, ""]
+    state: TrafficState,
+    road: Road,
+    sensor: Sensor,
+    subject_class: int,
+    time_s: Float[Array, ""],
+    identity: Int[Array, ""] | None = None,
 ) -> tuple[TrafficState, PerceptionFrame, Int[Array, " object"]]:
     """Return what the subject vehicle detects, the state with newly detected vehicles numbered, and objects' entries.
 
     Only the carriageway is seen; vehicles on ramps are not.
+
+    Args:
+        state: the road.
+        road: its geometry.
+        sensor: the subject vehicle's sensors.
+        subject_class: its class.
+        time_s: time.
+        identity: which vehicle of that class it is; needed only where there are several.
     """
     vehicles = state.vehicles
     end_m = take(road.destination_end_m, vehicles.destination)
     has_arrived = vehicles.position_m >= end_m  # it leaves the road at the next decision
     is_subject = (vehicles.vehicle_class == subject_class) & ~has_arrived
+    if identity is not None:
+        is_subject &= vehicles.identity == identity
     valid = jnp.any(is_subject)
     subject = jnp.argmax(is_subject)
     here_m, speed = take(vehicles.position_m, subject), take(vehicles.speed_mps, subject)
@@ -152,6 +167,8 @@ def perceive(
     is_there = in_row.reshape(-1) & ~take(has_arrived, entry)
     seen = is_there & valid & on_carriageway & (offset >= -sensor.behind_m) & (offset <= sensor.ahead_m)
     seen_subject = seen & (take(vehicles.vehicle_class, entry) == subject_class)
+    if identity is not None:
+        seen_subject &= take(vehicles.identity, entry) == identity
 
     track = take(vehicles.track, entry)
     is_new = seen & ~seen_subject & (track == UNSEEN)

@@ -14,7 +14,7 @@ from jaxtyping import Array, Bool, Int
 
 from surrogate.counting import running_count
 from surrogate.neighbours import take
-from surrogate.traffic_state import VehicleArrays, empty_vehicles, with_changes
+from surrogate.traffic_state import UNSEEN, VehicleArrays, empty_vehicles, with_changes
 
 NOBODY = jnp.iinfo(jnp.int32).max
 
@@ -119,6 +119,7 @@ def rearrange(vehicles: VehicleArrays, entrants: VehicleArrays, order: Order) ->
     """Return the arrays in the new order; entries behind the last vehicle are empty."""
     num_rows = order.head.shape[0] - 1
     nobody = jax.tree.map(lambda leaf: leaf[-1:], empty_vehicles(num_rows, num_rows + 1))
+    nobody = with_changes(nobody, track=jnp.full((1, *vehicles.track.shape[1:]), UNSEEN, jnp.int32))
     if vehicles.personal is not None:
         nothing = jax.tree.map(lambda leaf: jnp.zeros((1, *leaf.shape[1:]), leaf.dtype), vehicles.personal)
         nobody = with_changes(nobody, personal=nothing)

@@ -16,8 +16,9 @@ from surrogate.course import Course, Observer, ObserverState, RunPlan, RunRecord
 from surrogate.effects.apply import appeared, sensed, start_of_sensing
 from surrogate.materialise import materialise
 from surrogate.moving import move_on
-from surrogate.perception import Sensor, blank_frame, perceive
+from surrogate.perception import PerceptionFrame, Sensor, blank_frame
 from surrogate.step import initial_state, settle_lanes
+from surrogate.subject.several import all_have_left, perceive_all
 from surrogate.tiles import tiles_for
 from surrogate.traffic_state import TrafficState
 from surrogate.world import World
@@ -64,8 +65,9 @@ def at_start(
     start = observer.start()
     if worlds.effects is not None:
         start = start, start_of_sensing(blank_frame(worlds.road, sensor))
-    observed = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (num_runs, *jnp.shape(leaf))), start)
-    seen = jax.vmap(observer.finish)(observed if worlds.effects is None else observed[0])
+    leading = num_runs, *states.subject_inserted.shape[1:]
+    observed = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (*leading, *jnp.shape(leaf))), start)
+    seen = _finished(observer, observed if worlds.effects is None else observed[0], len(leading))
     record = record_of(states, seen, vehicles_on_road(states), jnp.zeros((num_runs,), jnp.int32))
     return Course(states, observed, record, jnp.zeros((num_runs,), bool))
 
@@ -97,7 +99,6 @@ def go_on(
         most_unfinished: so many runs may be left.
     """
     clock = plan.clock
-    subject_class = len(worlds.classes) - 1
 
     decisions_per_frame = max(1, plan.steps_per_frame // clock.steps_per_decision)
     frames_per_decision = max(1, clock.steps_per_decision // plan.steps_per_frame)
@@ -125,16 +126,22 @@ def go_on(
         observed, sensor_memory = observed if has_effects else (observed, {})
         time_s = state.step.astype(jnp.float32) * clock.step_s
         with jax.named_scope("perceive"):
-            state, seen_now, entry = perceive(state, world.road, sensor, subject_class, time_s)
+            state, seen_now, entry = perceive_all(state, world, sensor, time_s)
         in_time = time_s <= end_s + 0.5 * clock.step_s
         seen_now = eqx.tree_at(lambda one: one.valid, seen_now, seen_now.valid & in_time)
-        if world.effects is not None:
-            with jax.named_scope("sense"):
-                seen_now = appeared(world.effects, seen_now, state.vehicles, entry)
-                seen_now, sensor_memory = sensed(world.effects, seen_now, sensor_memory, world.seed)
-        with jax.named_scope("observe"):
-            # a program of its own, which rounds alike whatever made the frame
-            observed = observer.update(observed, materialise(seen_now))
+
+        def watch(frame: PerceptionFrame, entry: Array, observed: ObserverState, sensor_memory: Any) -> Any:
+            if world.effects is not None:
+                with jax.named_scope("sense"):
+                    frame = appeared(world.effects, frame, state.vehicles, entry)
+                    frame, sensor_memory = sensed(world.effects, frame, sensor_memory, world.seed)
+            with jax.named_scope("observe"):
+                # a program of its own, which rounds alike whatever made the frame
+                return observer.update(observed, materialise(frame)), sensor_memory
+
+        if world.subject.num_subjects:
+            watch = jax.vmap(watch)
+        observed, sensor_memory = watch(seen_now, entry, observed, sensor_memory)
         return state.vehicles.track, state.num_tracks, (observed, sensor_memory) if has_effects else observed
 
     def block(course: Course) -> Course:
@@ -174,7 +181,8 @@ def go_on(
         )
         is_late = states.step.astype(jnp.float32) * clock.step_s >= end_s
         # a run that has lost a vehicle is worth nothing any more
-        is_over = course.is_over | states.subject_left | is_late | (states.num_lost > 0)
+        has_left = all_have_left(states.subject_left)
+        is_over = course.is_over | has_left | is_late | (states.num_lost > 0)
         return Course(states, observed, record, is_over)
 
     def is_short(course: Course) -> Bool[Array, ""]:
@@ -187,4 +195,11 @@ def go_on(
     first_seen_step = jnp.floor(first_frame_s / clock.step_s / steps_per_block).astype(jnp.int32) * steps_per_block
     course = jax.lax.while_loop(is_short, block, course)
     observed = course.observed if worlds.effects is None else course.observed[0]
-    return eqx.tree_at(lambda one: one.record.observed, course, jax.vmap(observer.finish)(observed))
+    seen = _finished(observer, observed, course.states.subject_inserted.ndim)
+    return eqx.tree_at(lambda one: one.record.observed, course, seen)
+
+
+def _finished(observer: Observer, observed: ObserverState, num_axes: int) -> Array:
+    """Return what drives come to; runs, and subject vehicles if there are several, are leading axes."""
+    finish = jax.vmap(observer.finish)
+    return (jax.vmap(finish) if num_axes > 1 else finish)(observed)

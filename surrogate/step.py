@@ -22,7 +22,8 @@ from surrogate.reorder import Moves, new_order, rearrange
 from surrogate.subject.control import with_plan, with_planned_acceleration
 from surrogate.subject.planner import Planner
 from surrogate.subject.replay import Replay, as_logged, entry_of_subject, staying, with_logged_lane
-from surrogate.traffic_state import TrafficState, VehicleArrays, empty_vehicles, with_changes
+from surrogate.subject.several import who_left
+from surrogate.traffic_state import UNSEEN, TrafficState, VehicleArrays, empty_vehicles, with_changes
 from surrogate.vehicle_class import select_by_class
 from surrogate.world import Clock, World
 
@@ -41,6 +42,9 @@ def initial_state(world: World, capacity: int, clock: Clock | None = None) -> Tr
     vehicles = empty_vehicles(num_rows, capacity)
     if world.effects is not None:
         vehicles = with_memories(world.effects, vehicles, world.seed)
+    of_subjects = jnp.shape(world.subject.depart_s)
+    if of_subjects:
+        vehicles = with_changes(vehicles, track=jnp.full((capacity, *of_subjects), UNSEEN, jnp.int32))
     draws = ArrivalDraws(world.inflow, world.demand_vehps, world.seed, world.effects, world.subject.entrance)
     return TrafficState(
         vehicles=vehicles,
@@ -50,9 +54,9 @@ def initial_state(world: World, capacity: int, clock: Clock | None = None) -> Tr
         num_inserted=none,
         next_arrival=draws.demand_to(none),
         cumulated_demand=jnp.zeros((num_entrances,), jnp.float32),
-        subject_inserted=jnp.zeros((), bool),
-        subject_left=jnp.zeros((), bool),
-        num_tracks=jnp.zeros((), jnp.int32),
+        subject_inserted=jnp.zeros(of_subjects, bool),
+        subject_left=jnp.zeros(of_subjects, bool),
+        num_tracks=jnp.zeros(of_subjects, jnp.int32),
         num_collisions=jnp.zeros((), jnp.int32),
         num_subject_overlaps=jnp.zeros((), jnp.int32) if isinstance(world.driver, Replay) else None,
         num_lost=jnp.zeros((), jnp.int32),
@@ -172,6 +176,10 @@ def settle_lanes(
             manoeuvres = after_reorder(manoeuvres, moved_from, order, vehicles, lengths_m, timing)
     if effects is not None:
         vehicles = settled(effects, Moment(vehicles, world.classes, world.seed, state.step, clock.step_s))
+    entered_now = jnp.any(order.has_entered & candidates.is_subject)
+    if world.subject.num_subjects:
+        _, number = world.subject.waiting(state.subject_inserted, now_s)
+        entered_now &= jnp.arange(world.subject.num_subjects) == number
     enters_as_other = order.has_entered & ~candidates.is_subject
     reasons = jnp.stack([jnp.sum(order.has_moved & (decision.reason == reason), dtype=jnp.int32) for reason in Reason])
     return TrafficState(
@@ -182,8 +190,8 @@ def settle_lanes(
         num_inserted=state.num_inserted + jnp.sum(enters_as_other, axis=1, dtype=jnp.int32),
         next_arrival=queues.next_arrival,
         cumulated_demand=queues.cumulated_demand,
-        subject_inserted=state.subject_inserted | jnp.any(order.has_entered & candidates.is_subject),
-        subject_left=state.subject_left | jnp.any(leaves & world.is_subject(state.vehicles)),
+        subject_inserted=state.subject_inserted | entered_now,
+        subject_left=state.subject_left | who_left(leaves, state.vehicles, world),
         num_tracks=state.num_tracks,
         num_collisions=state.num_collisions,
         num_subject_overlaps=state.num_subject_overlaps,

@@ -27,7 +27,8 @@ class VehicleArrays(eqx.Module):
         vehicle_class: index into the tuple of vehicle classes, or HEAD or EMPTY.
         destination: index of the exit that the vehicle takes.
         identity: (entrance, arrival number) in one integer; keys its random numbers.
-        track: number by order of first detection by the subject vehicle, or UNSEEN.
+        track: number by order of first detection by the subject vehicle, by each of them if there are several, or
+            UNSEEN.
         speed_factor: desired speed over the limit.
         gain_left_memory: LC2013's speed-gain motive to the left.
         gain_right_memory: the same to the right.
@@ -49,7 +50,7 @@ class VehicleArrays(eqx.Module):
     vehicle_class: Int[Array, " vehicle"]
     destination: Int[Array, " vehicle"]
     identity: Int[Array, " vehicle"]
-    track: Int[Array, " vehicle"]
+    track: Int[Array, " vehicle *subject"]
     speed_factor: Float[Array, " vehicle"]
     gain_left_memory: Float[Array, " vehicle"]
     gain_right_memory: Float[Array, " vehicle"]
@@ -106,9 +107,9 @@ class TrafficState(eqx.Module):
         num_inserted: vehicles that have entered, per entrance.
         next_arrival: cumulated demand [veh] at which the next vehicle of each entrance arrives.
         cumulated_demand: demand cumulated so far [veh], per entrance.
-        subject_inserted: whether the subject vehicle has entered.
-        subject_left: whether the subject vehicle has reached its destination.
-        num_tracks: vehicles that the subject vehicle has detected so far.
+        subject_inserted: whether the subject vehicle, each of them if there are several, has entered.
+        subject_left: whether it has reached its destination.
+        num_tracks: vehicles that it has detected so far.
         num_collisions: vehicle steps with overlapping vehicles.
         num_subject_overlaps: steps in which a replayed subject vehicle overlaps another vehicle; None where none is
             replayed.
@@ -124,9 +125,9 @@ class TrafficState(eqx.Module):
     num_inserted: Int[Array, " entrance"]
     next_arrival: Float[Array, " entrance"]
     cumulated_demand: Float[Array, " entrance"]
-    subject_inserted: Bool[Array, ""]
-    subject_left: Bool[Array, ""]
-    num_tracks: Int[Array, ""]
+    subject_inserted: Bool[Array, "*subject"]
+    subject_left: Bool[Array, "*subject"]
+    num_tracks: Int[Array, "*subject"]
     num_collisions: Int[Array, ""]
     num_subject_overlaps: Int[Array, ""] | None
     num_lost: Int[Array, ""]

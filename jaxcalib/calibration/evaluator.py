@@ -56,7 +56,7 @@ class Evaluator:
             first_seed: seed of the first run; each run of a candidate has a seed of its own.
             on_runs: told how many runs have been made.
             shares_runs: whether subject vehicles that depart far enough apart drive in one run, with one seed; then
-                what counts as a run here is a drive. Only SUMO can do that, and only where it drives them.
+                what counts as a run here is a drive.
         """
         self._simulator = simulator
         self._departs_s = interleaved_departs_s(departs_s)

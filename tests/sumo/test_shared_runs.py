@@ -6,8 +6,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from jaxcalib.engines import surrogate_engine
-from jaxcalib.problem import CalibrationProblem
 from sim_adapters.interface import ParameterLayout, RunOutcome, RunRequest, Status
 from sim_adapters.scenario import Scenario
 from sim_adapters.shared_runs import departures_apart, departures_s, shared_runs, subject_names
@@ -40,13 +38,6 @@ def test_requests_that_differ_only_in_whom_they_ask_for_share_a_run():
     ]  # fmt: skip
     assert len(set(subject_names("ego", (60.0, 90.0, 120.0)))) == 3
     assert subject_names("ego", (60.0,)) == ("ego",)
-
-
-def test_the_surrogate_has_one_subject_vehicle(problem: CalibrationProblem):
-    engine = surrogate_engine(problem)
-    values = tuple(float(one) for one in problem.template.base_values())
-    with pytest.raises(ValueError, match="one subject vehicle"):
-        engine.run([RunRequest(values, 1, 300.0, {}, (340.0,))])
 
 
 def fold(frames: Any) -> np.ndarray:

@@ -1,0 +1,139 @@
+"""Several subject vehicles on one road of the surrogate: each sees what it would alone until others are near."""
+
+import dataclasses
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from sim_adapters.interface import RunOutcome, RunRequest, Status
+from sim_adapters.jax_simulator import JaxSimulator
+from sim_adapters.world_builder import WorldTemplate
+from surrogate.effects.base import EffectSetting
+from surrogate.perception import PerceptionFrame, Sensor
+from surrogate.subject.registry import SubjectModel
+from surrogate.world import Clock
+
+pytestmark = pytest.mark.long
+
+END_S, FIRST_S, SECOND_S = 110.0, 61.0, 69.0
+NUM_FRAMES = round(END_S / 0.5) + 1
+AHEAD_M, BEHIND_M = 140.0, 110.0
+
+
+class Trace(eqx.Module):
+    """Writes down each frame by its time: whether there is one, where, how fast, what is around, largest track."""
+
+    def start(self) -> jax.Array:
+        return jnp.zeros((NUM_FRAMES, 6), jnp.float32)
+
+    def update(self, state: jax.Array, frame: PerceptionFrame) -> jax.Array:
+        others = frame.object_valid & ~frame.object_is_subject
+        now = jnp.stack(
+            [
+                jnp.ones(()),
+                frame.subject_position_m,
+                frame.subject_speed_mps,
+                jnp.sum(others),
+                jnp.sum(jnp.where(others, frame.object_offset_m * (1.0 + frame.object_row), 0.0)),
+                jnp.max(jnp.where(others, frame.object_track, -1)),
+            ]
+        )
+        number = jnp.round(frame.time_s / 0.5).astype(jnp.int32)
+        return jnp.where(frame.valid, state.at[number].set(now), state)
+
+    def finish(self, state: jax.Array) -> jax.Array:
+        return state
+
+
+@pytest.fixture(scope="module")
+def simulator(template: WorldTemplate) -> JaxSimulator:
+    return engine_of(template)
+
+
+def engine_of(template: WorldTemplate) -> JaxSimulator:
+    sensor = Sensor(jnp.asarray(AHEAD_M, jnp.float32), jnp.asarray(BEHIND_M, jnp.float32), 24)
+    return JaxSimulator(template, Trace(), sensor, Clock(0.1, 10), END_S, capacity=190, runs_per_device=2)
+
+
+@pytest.fixture(scope="module")
+def values(template: WorldTemplate) -> tuple[float, ...]:
+    base = dict(zip(template.layout.names, template.base_values().tolist(), strict=True))
+    return tuple((base | {"main": 3400.0}).values())
+
+
+@pytest.fixture(scope="module")
+def outcomes(simulator: JaxSimulator, values: tuple[float, ...]) -> list[RunOutcome]:
+    return simulator.run(
+        [
+            RunRequest(values, 7, SECOND_S, also_depart_s=(FIRST_S,)),
+            RunRequest(values, 7, FIRST_S),
+            RunRequest(values, 7, FIRST_S, also_depart_s=(SECOND_S,)),
+            RunRequest(values, 8, FIRST_S, also_depart_s=(SECOND_S,)),
+        ]
+    )
+
+
+def drive_of(outcome: RunOutcome) -> np.ndarray:
+    assert outcome.status is Status.OK
+    return outcome.observed
+
+
+def test_until_the_second_enters_the_first_drives_as_if_alone(outcomes: list[RunOutcome]):
+    _, alone, first, _ = map(drive_of, outcomes)
+    before = slice(0, round(SECOND_S / 0.5))
+    assert alone[before, 0].sum() > 10
+    np.testing.assert_allclose(first[before], alone[before], rtol=1e-5, atol=1e-3)
+
+
+def test_each_has_a_drive_of_its_own_and_sees_the_other(outcomes: list[RunOutcome]):
+    second, _, first, _ = map(drive_of, outcomes)
+    both = (first[:, 0] > 0) & (second[:, 0] > 0)
+    assert both.sum() > 50
+    assert np.flatnonzero(second[:, 0])[0] * 0.5 >= SECOND_S
+    ahead_m = first[both, 1] - second[both, 1]
+    assert np.all(np.abs(ahead_m) > 1.0)
+    near = np.abs(ahead_m) < BEHIND_M
+    assert near.sum() > 10  # so the sums below hold each other
+    assert np.all(first[both, 3][near] >= 1)
+    assert np.all(second[both, 3][near] >= 1)
+
+
+def test_each_numbers_who_it_sees_from_0_on(outcomes: list[RunOutcome]):
+    for drive in map(drive_of, outcomes):
+        seen = drive[drive[:, 0] > 0]
+        assert seen[0, 5] == seen[0, 3] - 1  # everybody is new in the first frame
+        assert np.all(np.diff(seen[:, 5][seen[:, 3] > 0]) >= -seen[:, 3].max())
+        assert seen[:, 5].max() < 190
+
+
+def test_a_shared_run_is_the_same_in_any_batch(simulator: JaxSimulator, outcomes: list[RunOutcome]):
+    again = simulator.run([outcome.request for outcome in (outcomes[3], outcomes[2])])
+    assert again[0].observed.tobytes() == outcomes[3].observed.tobytes()
+    assert again[1].observed.tobytes() == outcomes[2].observed.tobytes()
+    assert outcomes[0].wall_s == outcomes[2].wall_s
+    assert not np.array_equal(drive_of(outcomes[2]), drive_of(outcomes[3]))  # another seed
+
+
+def test_effects_off_are_no_effects_and_sensors_are_each_vehicle_s_own(
+    simulator: JaxSimulator, values: tuple[float, ...], outcomes: list[RunOutcome]
+):
+    late = {"gap_sensor_bias": EffectSetting(0.1)}
+    requests = [
+        dataclasses.replace(outcomes[index].request, effects=effects) for effects in ({}, late) for index in (0, 2)
+    ]
+    second, first, biased_second, biased_first = map(drive_of, simulator.with_effects().run(requests))
+    assert second.tobytes() == drive_of(outcomes[0]).tobytes()
+    assert first.tobytes() == drive_of(outcomes[2]).tobytes()
+    for plain, biased in ((second, biased_second), (first, biased_first)):
+        np.testing.assert_array_equal(plain[:, :3], biased[:, :3])  # a sensor's bias moves nobody
+        few = (plain[:, 3] > 0) & (plain[:, 3] == biased[:, 3])
+        np.testing.assert_allclose(biased[few, 4], 1.1 * plain[few, 4], rtol=1e-4, atol=1e-2)
+
+
+def test_a_vehicle_with_a_driver_of_its_own_is_the_only_one(template: WorldTemplate, values: tuple[float, ...]):
+    planned = dataclasses.replace(template, subject_model=SubjectModel("planner"))
+    with pytest.raises(ValueError, match="one subject vehicle"):
+        engine_of(planned).run([RunRequest(values, 1, FIRST_S, also_depart_s=(SECOND_S,))])
