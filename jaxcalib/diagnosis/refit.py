@@ -11,7 +11,7 @@ How well each of them fits then is evidence between them beside that of the sign
 is measured from real runs.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -20,9 +20,7 @@ import numpy as np
 from jaxcalib.diagnosis.descent import Descent, Point, Target, descend, linear_step, precision
 from jaxcalib.diagnosis.evidence import (
     MOST_STRENGTH,
-    NONE,
     SIGNATURE_ERROR,
-    UNKNOWN,
     Explained,
     Signature,
     alike_errors,
@@ -32,7 +30,7 @@ from jaxcalib.diagnosis.evidence import (
 from jaxcalib.diagnosis.explained_runs import ExplainedRuns
 from jaxcalib.diagnosis.investigation import Prepared, transfer
 from jaxcalib.diagnosis.noise import NullModel
-from jaxcalib.diagnosis.sumo_check import CHECKED_EXACTNESS, NUM_CHECKED, WITHIN
+from jaxcalib.diagnosis.sumo_check import CHECKED_EXACTNESS
 from surrogate.effects.registry import effect_named
 
 MOST_SURROGATE_POINTS = 8
@@ -51,7 +49,8 @@ class Refit:
         effect: its name.
         sign: of the strength.
         strength: its size.
-        interval_90: its 90 % interval.
+        interval_90: its 90 % interval; where both simulators were run, by how far they disagree counts: the road is a
+            third one, and two draws tell how far a third may lie.
         steps: shift of the parameters from the calibrated values, in steps.
         runs: the runs nearest to the drives to fit.
         correction: what adds to their features, in units of noise: the last step, that was not run any more, and what
@@ -219,8 +218,10 @@ def refit(
             other = descent_to(anew, elsewhere, found.slopes, maker.in_surrogate, MOST_SURROGATE_POINTS)
             if other is not None and other.nearest.loss < found.nearest.loss:
                 found, target = other, anew
+    strength_in_surrogate = None
     if found is not None:
         slopes, at = found.slopes, found.nearest.at + found.step
+        strength_in_surrogate = course.there(at)[1]
     in_sumo = descent_to(target, at, slopes, maker.in_sumo, most_sumo_points)
     num_sumo_runs = 0 if in_sumo is None else in_sumo.num_runs
     found = in_sumo or found
@@ -228,7 +229,10 @@ def refit(
         return None
     steps, strength = course.there(found.nearest.at + found.step)
     sharpness = precision(found.nearest.noise, found.slopes)
-    deviation = QUANTILE_90 * unit[-1] * np.sqrt(np.linalg.inv(sharpness)[-1, -1])
+    error = float(unit[-1] * np.sqrt(np.linalg.inv(sharpness)[-1, -1]))
+    if in_sumo is not None and strength_in_surrogate is not None:
+        error = float(np.hypot(error, (strength - strength_in_surrogate) / np.sqrt(2.0)))
+    deviation = QUANTILE_90 * error
     interval = (max(strength - deviation, 0.0), max(min(strength + deviation, most), strength))
     if signature.is_fixed:  # known at some strengths only: halfway to the next one on either side, at least
         tried = np.unique([one.strengths[-1] for one in signatures])
@@ -247,45 +251,6 @@ def refit(
         misfit=found.nearest.square,
         log_evidence=-0.5 * (found.nearest.loss + float(np.linalg.slogdet(sharpness)[1])),
     )
-
-
-def contenders(explained: Sequence[Explained], signatures: Mapping[str, Sequence[Signature]]) -> list[Explained]:
-    """Return the best effect and those close behind it, best first, as far as they have signatures."""
-    none = next(one.log_evidence for one in explained if one.name == NONE)
-    effects = [one for one in explained if one.name not in (NONE, UNKNOWN) and one.log_evidence > none]
-    near = [one for one in effects if one.log_evidence > effects[0].log_evidence - WITHIN]
-    return [one for one in near[:NUM_CHECKED] if one.name in signatures]
-
-
-def with_refits(explained: Sequence[Explained], refits: Mapping[str, Refit]) -> list[Explained]:
-    """Return explanations, best first, with the strengths of those that were fitted again, and told apart by it.
-
-    The signatures' evidence and the refits' are two readings of one quantity, each with errors of its own, and their
-    mean says how far apart two effects lie. The best of them keeps the most evidence of all, against none, unknown and
-    the rest.
-    """
-    again = [one for one in explained if one.name in refits]
-    if not again:
-        return list(explained)
-    most = max(one.log_evidence for one in again)
-    mean = {one.name: 0.5 * (one.log_evidence + refits[one.name].log_evidence) for one in again}
-    found = []
-    for one in explained:
-        if one.name not in refits:
-            found.append(one)
-            continue
-        mine = refits[one.name]
-        low, high = sorted(mine.sign * size for size in mine.interval_90)
-        found.append(
-            replace(
-                one,
-                log_evidence=most - (max(mean.values()) - mean[one.name]),
-                strength=mine.sign * mine.strength,
-                interval=(low, high),
-                best_misfit=min(one.best_misfit, mine.misfit),
-            )
-        )
-    return sorted(found, key=lambda one: -one.log_evidence)
 
 
 def tangent_of(signature: Signature, strength: float) -> np.ndarray:

@@ -26,7 +26,8 @@ from jaxcalib.diagnosis.null_runs import fine_interval_s, num_runs_for
 from jaxcalib.diagnosis.place_search import refine_places
 from jaxcalib.diagnosis.plan import plan_diagnosis
 from jaxcalib.diagnosis.recalibration import Recalibrator
-from jaxcalib.diagnosis.refit import MOST_SUMO_POINTS, OTHERS_SUMO_POINTS, Refit, contenders, refit, with_refits
+from jaxcalib.diagnosis.refit import MOST_SUMO_POINTS, OTHERS_SUMO_POINTS, Refit, refit
+from jaxcalib.diagnosis.refitted_contest import contenders, with_refits
 from jaxcalib.diagnosis.remarks import FEW_DRIVES, aliased_effects
 from jaxcalib.diagnosis.stages import Stages
 from jaxcalib.diagnosis.sumo_check import Check, check_in_sumo

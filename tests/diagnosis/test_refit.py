@@ -12,7 +12,8 @@ from jaxcalib.diagnosis.explained_runs import ExplainedRuns, moved_values
 from jaxcalib.diagnosis.features import DriveTallies
 from jaxcalib.diagnosis.investigation import Prepared
 from jaxcalib.diagnosis.ledger import parameter_shift
-from jaxcalib.diagnosis.refit import contenders, refit, with_refits
+from jaxcalib.diagnosis.refit import refit
+from jaxcalib.diagnosis.refitted_contest import contenders, with_refits
 from jaxcalib.diagnosis.windows import Window, window_of
 
 NULL = made_up_null(num_features=60)
@@ -100,6 +101,24 @@ def test_strength_and_parameters_come_nearer_to_the_truth():
     assert np.mean((found.expected(NULL, NULL) - wanted) ** 2) < 0.5 * np.mean((linear - wanted) ** 2)
     assert found.num_sumo_runs in (NUM_RUNS, 2 * NUM_RUNS)
     assert found.runs.without is None
+
+
+def test_the_interval_holds_by_how_far_simulators_disagree():
+    """A surrogate in which the effect does less asks for more of it; half of the time the road does, too."""
+    prepared = drives(TRUE_STRENGTH)
+    best = explain(prepared.difference, NULL, [signature()], 0.5)
+
+    class Weaker(Made):
+        def in_surrogate(self, signature: Signature, steps: np.ndarray, strength: float) -> ExplainedRuns | None:
+            return super().in_surrogate(signature, steps, 0.8 * strength)
+
+    alike, differ = (refit(prepared, best, [signature()], maker) for maker in (Made(), Weaker()))
+    assert alike is not None
+    assert differ is not None
+    assert differ.strength == pytest.approx(alike.strength, abs=0.03)  # SUMO's
+    narrow, wide = (one.interval_90[1] - one.strength for one in (alike, differ))
+    disagreement = (1.0 / 0.8 - 1.0) * TRUE_STRENGTH
+    assert wide == pytest.approx(np.hypot(narrow, 1.645 * disagreement / np.sqrt(2.0)), rel=0.3)
 
 
 @pytest.mark.parametrize("maker", [Made(in_sumo=False), Made(sensor=True)], ids=["surrogate alone", "sensor"])
