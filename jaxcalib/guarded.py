@@ -6,7 +6,7 @@ from pathlib import Path
 
 from jaxcalib.calibration.evaluator import AllRunsFailedError
 from jaxcalib.errors import CaseError, ResourceError, shorten
-from sim_adapters.errors import TooLargeBatchError
+from sim_adapters.errors import TooLargeBatchError, WorkersEndedError
 
 EXIT_CASE_WRONG = 2
 EXIT_SIMULATOR_FAILED = 3
@@ -36,6 +36,8 @@ def guarded(work: Callable[[], str], go_on: str, folder: Path | None = None, pro
             return _end(program, f"{what}. {shorten(error.log_tail, 250)}", EXIT_SIMULATOR_FAILED)
         (folder / LOG_FILE).write_text(error.log_tail + "\n", encoding="utf-8")
         return _end(program, f"{what}; see {folder / LOG_FILE}.", EXIT_SIMULATOR_FAILED)
+    except WorkersEndedError as error:
+        return _end(program, str(error), EXIT_SIMULATOR_FAILED)
     except KeyboardInterrupt:
         return _end(program, f"stopped; {go_on}", EXIT_STOPPED)
     if message:

@@ -7,6 +7,17 @@ class TooLargeBatchError(RuntimeError):
     """A batch of runs that does not fit into the memory of the devices; the message says how many would."""
 
 
+class WorkersEndedError(RuntimeError):
+    """SUMO's worker processes end before they can work; the message says what a script must do."""
+
+    def __init__(self) -> None:
+        """Say it."""
+        super().__init__(
+            "SUMO's workers end before they can work. A script that calls jaxcalib has to do so under "
+            '`if __name__ == "__main__":`, for workers import the script.'
+        )
+
+
 class ScenarioError(ValueError):
     """A scenario that is wrong or that the surrogate cannot represent.
 

@@ -15,6 +15,7 @@ import numpy as np
 from pebble import ProcessPool
 
 from sim_adapters.attempted_run import AttemptedRun
+from sim_adapters.errors import WorkersEndedError
 from sim_adapters.frame_table import ObjectTable, SubjectTable, stack_frames
 from sim_adapters.interface import ParameterLayout, RunOutcome, RunRequest, Status
 from sim_adapters.scenario import Scenario
@@ -159,6 +160,7 @@ class SumoSimulator:
 
         Raises:
             ValueError: several subject vehicles, but SUMO alone does not drive them.
+            WorkersEndedError: workers die at their start.
         """
         departs_s, control = departures_s(request), self._control(request)
         if len(departs_s) > 1 and (control is not None or self._distant is not None):
@@ -183,7 +185,10 @@ class SumoSimulator:
             control=control,
             distant=self._distant,
         )
-        return folder, self._pool.schedule(run_job, args=(job,), timeout=self._longest_run_s)
+        try:
+            return folder, self._pool.schedule(run_job, args=(job,), timeout=self._longest_run_s)
+        except RuntimeError as error:  # of a pool whose workers have all died at their start
+            raise WorkersEndedError from error
 
     def outcome_of(self, request: RunRequest, run: SumoRun, num_sharing: int = 1) -> RunOutcome:
         """Return the outcome of a run that came to its end.

@@ -1,5 +1,7 @@
 """A worker of the SUMO pool may die, hang or fail: the run is tried once more and then reported, nothing is raised."""
 
+import subprocess
+import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -128,3 +130,22 @@ def test_sumo_without_its_configuration_is_a_failed_run(make_runs: Run, lost_con
     assert outcome.status is Status.FAILED
     assert outcome.log_tail
     assert len(lost_configuration) == 2  # written again for the second try
+
+
+def test_a_script_without_a_guard_is_told_what_to_do(corridor_folder: Path, tmp_path: Path):
+    """Workers import the script that starts them; without a guard they would start workers in turn."""
+    script = tmp_path / "script.py"
+    script.write_text(
+        f"""
+from jaxcalib.engines import sumo_engine
+from jaxcalib.problem import read_problem
+from sim_adapters.interface import RunRequest
+
+problem = read_problem({str(corridor_folder.parent / "corridor")!r})
+with sumo_engine(problem, 1) as sumo:
+    sumo.run([RunRequest(tuple(problem.template.base_values().tolist()), 1, 300.0)])
+"""
+    )
+    done = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, timeout=300, check=False)
+    assert done.returncode == 1
+    assert "WorkersEndedError: SUMO's workers end before they can work." in done.stderr
