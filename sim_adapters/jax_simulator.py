@@ -203,7 +203,6 @@ class JaxSimulator:
         compiled = self._program(num_subjects)
         began = time.perf_counter()
         lanes = self._lanes(len(runs))
-        alone = 1 if num_subjects == 1 else ()
         filled = [requests[-1]] * self._batch
         course = jax.tree.map(lambda leaf: np.zeros(leaf.shape, leaf.dtype), compiled.course)
         course.is_over[:] = True  # places that nobody needs
@@ -214,10 +213,11 @@ class JaxSimulator:
             if run.course is not None:
                 is_fresh[lane] = False
                 jax.tree.map(lambda leaf, part, lane=lane: leaf.__setitem__(lane, part), course, run.course)
+        departs_s = np.asarray([departures_s(request) for request in filled], np.float32)
         inputs = BatchInputs(
             values=np.asarray([request.values for request in filled], np.float32),
             seeds=np.asarray([request.seed for request in filled], np.int32),
-            departs_s=np.asarray([departures_s(request) for request in filled], np.float32).squeeze(axis=alone),
+            departs_s=departs_s[:, 0] if num_subjects == 1 else departs_s,
             settings=np.asarray([settings_table(request.effects) for request in filled], np.float32)
             if self._has_effects
             else None,

@@ -1,4 +1,4 @@
-"""One SUMO run with several subject vehicles: most of a run is the traffic that fills the road before any of them."""
+"""One run with several subject vehicles: most of a run is the traffic that fills the road before any of them."""
 
 from collections.abc import Hashable, Sequence
 from itertools import pairwise

@@ -17,6 +17,7 @@ from jaxcalib.calibration.two_stage import NOISE_OFFSET, TwoStageResult
 from jaxcalib.initial_values.initial_point import InitialPoint
 from jaxcalib.progress import Progress
 from sim_adapters.interface import RunOutcome
+from sim_adapters.shared_runs import shared_runs
 
 CONFIRMATION = "confirmation"
 RADIUS = 0.12  # of the box of known widths
@@ -51,7 +52,7 @@ class Confirmation:
         discrepancy: learnt from all finalists.
         objective: the objective, corrected by it.
         polishes: what each corrected search reported.
-        outcomes: all SUMO runs of the finalists.
+        outcomes: all drives of the finalists in SUMO.
     """
 
     finalists: tuple[Finalist, ...]
@@ -67,6 +68,11 @@ class Confirmation:
     def best(self) -> Float[np.ndarray, " parameter"]:
         """The winner in the unit cube."""
         return self.finalists[self.winner].unit
+
+    @property
+    def num_sumo_runs(self) -> int:
+        """SUMO runs of the finalists; drives may have shared some."""
+        return len(shared_runs([outcome.request for outcome in self.outcomes]))
 
 
 def confirm(

@@ -134,7 +134,7 @@ def _diagnose(
         try:
             converged = making.converged(searched.values)
         except NotTestableError as error:
-            num_sumo = len(searched.confirmation.outcomes) + first_null_runs
+            num_sumo = searched.confirmation.num_sumo_runs + first_null_runs
             num_surrogate = searched.surrogate.num_runs + (2 * num_parameters + 1) * plan.first_slope_runs
             wall_s = stopwatch.wall_s | {"total": journal.clock() - began}
             counts = {"surrogate": num_surrogate, "sumo": num_sumo}
@@ -238,7 +238,7 @@ def _diagnose(
     num_surrogate = searched.surrogate.num_runs + sum(len(tallies) for tallies in found.values())
     num_surrogate += converged.num_surrogate_runs
     num_sumo = (
-        len(searched.confirmation.outcomes) + runs.plain.num_runs + (converged.num_baselines - 1) * first_null_runs
+        searched.confirmation.num_sumo_runs + runs.plain.num_runs + (converged.num_baselines - 1) * first_null_runs
     )
     num_sumo += 0 if default is None else default.num_runs
     num_sumo += sum(one.num_runs for one in checks) + sum(one.num_sumo_runs for one in refits.values())

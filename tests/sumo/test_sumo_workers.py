@@ -132,6 +132,7 @@ def test_sumo_without_its_configuration_is_a_failed_run(make_runs: Run, lost_con
     assert len(lost_configuration) == 2  # written again for the second try
 
 
+@pytest.mark.long
 def test_a_script_without_a_guard_is_told_what_to_do(corridor_folder: Path, tmp_path: Path):
     """Workers import the script that starts them; without a guard they would start workers in turn."""
     script = tmp_path / "script.py"
@@ -141,7 +142,7 @@ from jaxcalib.engines import sumo_engine
 from jaxcalib.problem import read_problem
 from sim_adapters.interface import RunRequest
 
-problem = read_problem({str(corridor_folder.parent / "corridor")!r})
+problem = read_problem({str(corridor_folder)!r})
 with sumo_engine(problem, 1) as sumo:
     sumo.run([RunRequest(tuple(problem.template.base_values().tolist()), 1, 300.0)])
 """

@@ -21,13 +21,19 @@ pytestmark = pytest.mark.long
 END_S, FIRST_S, SECOND_S = 110.0, 61.0, 69.0
 NUM_FRAMES = round(END_S / 0.5) + 1
 AHEAD_M, BEHIND_M = 140.0, 110.0
+OBJECTS_PER_ROW, NOWHERE = 24, 1e6
 
 
 class Trace(eqx.Module):
-    """Writes down each frame by its time: whether there is one, where, how fast, what is around, largest track."""
+    """Writes down each frame by its time: whether there is one, where, how fast, what is around, largest track.
+
+    Behind that come the offsets of all objects, `NOWHERE` where there is none.
+    """
+
+    num_objects: int = eqx.field(static=True)
 
     def start(self) -> jax.Array:
-        return jnp.zeros((NUM_FRAMES, 6), jnp.float32)
+        return jnp.zeros((NUM_FRAMES, 6 + self.num_objects), jnp.float32)
 
     def update(self, state: jax.Array, frame: PerceptionFrame) -> jax.Array:
         others = frame.object_valid & ~frame.object_is_subject
@@ -41,6 +47,7 @@ class Trace(eqx.Module):
                 jnp.max(jnp.where(others, frame.object_track, -1)),
             ]
         )
+        now = jnp.concatenate([now, jnp.where(others, frame.object_offset_m, NOWHERE)])
         number = jnp.round(frame.time_s / 0.5).astype(jnp.int32)
         return jnp.where(frame.valid, state.at[number].set(now), state)
 
@@ -54,8 +61,9 @@ def simulator(template: WorldTemplate) -> JaxSimulator:
 
 
 def engine_of(template: WorldTemplate) -> JaxSimulator:
-    sensor = Sensor(jnp.asarray(AHEAD_M, jnp.float32), jnp.asarray(BEHIND_M, jnp.float32), 24)
-    return JaxSimulator(template, Trace(), sensor, Clock(0.1, 10), END_S, capacity=190, runs_per_device=2)
+    sensor = Sensor(jnp.asarray(AHEAD_M, jnp.float32), jnp.asarray(BEHIND_M, jnp.float32), OBJECTS_PER_ROW)
+    trace = Trace(template.road.num_rows * OBJECTS_PER_ROW)
+    return JaxSimulator(template, trace, sensor, Clock(0.1, 10), END_S, capacity=190, runs_per_device=2)
 
 
 @pytest.fixture(scope="module")
@@ -95,18 +103,20 @@ def test_each_has_a_drive_of_its_own_and_sees_the_other(outcomes: list[RunOutcom
     assert np.flatnonzero(second[:, 0])[0] * 0.5 >= SECOND_S
     ahead_m = first[both, 1] - second[both, 1]
     assert np.all(np.abs(ahead_m) > 1.0)
-    near = np.abs(ahead_m) < BEHIND_M
-    assert near.sum() > 10  # so the sums below hold each other
-    assert np.all(first[both, 3][near] >= 1)
-    assert np.all(second[both, 3][near] >= 1)
+    near = np.abs(ahead_m) < BEHIND_M - 1.0
+    assert near.sum() > 10
+    for drive, offset_m in ((first, -ahead_m), (second, ahead_m)):
+        nearest_m = np.abs(drive[both, 6:] - offset_m[:, None]).min(axis=1)
+        assert np.all(nearest_m[near] < 0.01)  # where the other is, there is an object
 
 
 def test_each_numbers_who_it_sees_from_0_on(outcomes: list[RunOutcome]):
     for drive in map(drive_of, outcomes):
         seen = drive[drive[:, 0] > 0]
         assert seen[0, 5] == seen[0, 3] - 1  # everybody is new in the first frame
-        assert np.all(np.diff(seen[:, 5][seen[:, 3] > 0]) >= -seen[:, 3].max())
-        assert seen[:, 5].max() < 190
+        new = np.diff(np.maximum.accumulate(seen[:, 5]))
+        assert np.all(new <= seen[1:, 3])  # numbers follow each other
+        assert new.sum() > 0
 
 
 def test_a_shared_run_is_the_same_in_any_batch(simulator: JaxSimulator, outcomes: list[RunOutcome]):
@@ -120,17 +130,18 @@ def test_a_shared_run_is_the_same_in_any_batch(simulator: JaxSimulator, outcomes
 def test_effects_off_are_no_effects_and_sensors_are_each_vehicle_s_own(
     simulator: JaxSimulator, values: tuple[float, ...], outcomes: list[RunOutcome]
 ):
-    late = {"gap_sensor_bias": EffectSetting(0.1)}
+    biased = {"gap_sensor_bias": EffectSetting(0.1)}
     requests = [
-        dataclasses.replace(outcomes[index].request, effects=effects) for effects in ({}, late) for index in (0, 2)
+        dataclasses.replace(outcomes[index].request, effects=effects) for effects in ({}, biased) for index in (0, 2)
     ]
     second, first, biased_second, biased_first = map(drive_of, simulator.with_effects().run(requests))
     assert second.tobytes() == drive_of(outcomes[0]).tobytes()
     assert first.tobytes() == drive_of(outcomes[2]).tobytes()
-    for plain, biased in ((second, biased_second), (first, biased_first)):
-        np.testing.assert_array_equal(plain[:, :3], biased[:, :3])  # a sensor's bias moves nobody
-        few = (plain[:, 3] > 0) & (plain[:, 3] == biased[:, 3])
-        np.testing.assert_allclose(biased[few, 4], 1.1 * plain[few, 4], rtol=1e-4, atol=1e-2)
+    for plain, off in ((second, biased_second), (first, biased_first)):
+        np.testing.assert_array_equal(plain[:, :3], off[:, :3])  # a sensor's bias moves nobody
+        few = (plain[:, 3] > 0) & (plain[:, 3] == off[:, 3])
+        assert few.sum() > 10
+        np.testing.assert_allclose(off[few, 4], 1.1 * plain[few, 4], rtol=1e-4, atol=1e-2)
 
 
 def test_a_vehicle_with_a_driver_of_its_own_is_the_only_one(template: WorldTemplate, values: tuple[float, ...]):
