@@ -8,7 +8,8 @@ from jaxtyping import Array, Bool, Int
 from surrogate.distant import with_distant_drivers
 from surrogate.effects.apply import decided, road_demands, settled, with_lane_changes, with_memories
 from surrogate.effects.base import Moment
-from surrogate.inflow import ArrivalDraws, arrive, entrants
+from surrogate.entering import entrants
+from surrogate.inflow import ArrivalDraws, arrive
 from surrogate.lane_change.base import STAY, Reason
 from surrogate.lane_change.decide import decide
 from surrogate.lane_change.manoeuvre import (

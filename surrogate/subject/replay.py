@@ -8,7 +8,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from surrogate.inflow import Entrants
+from surrogate.entering import Entrants
 from surrogate.lane_change.base import LEFT, STAY, LaneChangeDecision, Reason
 from surrogate.neighbours import take
 from surrogate.road import Road
