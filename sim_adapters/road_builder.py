@@ -1,6 +1,6 @@
 """Lays the lanes of a route into the rows of the surrogate's `Road`."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import jax.numpy as jnp
@@ -96,8 +96,8 @@ def build_road(row_map: RowMap, routes: Sequence[Sequence[str]]) -> Road:
         limit[row, segment] = lane.speed_limit_mps
         slow = _next_lower_limit(network, lane)
         slow_position[row, segment], slow_limit[row, segment] = slow if slow else (np.inf, lane.speed_limit_mps)
-        left[row, segment] = row_map.row_of_lane.get((lane.edge, lane.index + 1), -1)
-        right[row, segment] = row_map.row_of_lane.get((lane.edge, lane.index - 1), -1)
+        left[row, segment] = _row_beside(row_map, lane_at, segment, (lane.edge, lane.index + 1))
+        right[row, segment] = _row_beside(row_map, lane_at, segment, (lane.edge, lane.index - 1))
         carriageway[row, segment] = lane.edge in network.main_edges
         elsewhere[row, segment] = lane.edge in network.main_edges and _leads_elsewhere(network, lane)
     offset, continuation, stop, destination_end = _route_tables(row_map, routes, lane_at, (num_rows, num_segments))
@@ -141,6 +141,17 @@ def _lanes_by_row_and_segment(row_map: RowMap, breaks: np.ndarray) -> dict[tuple
                 break
             lane_at[(row_map.row_of_lane[lane.key], segment)] = lane
     return lane_at
+
+
+def _row_beside(row_map: RowMap, lane_at: Mapping[tuple[int, int], RouteLane], segment: int, key: LaneKey) -> int:
+    """Return the row of a lane beside another, -1 where it is not there.
+
+    Within a junction the lanes of an edge part: an exit's may have begun, a little before the carriageway's next edge,
+    and whoever changed there would be on the exit.
+    """
+    row = row_map.row_of_lane.get(key, -1)
+    lane = lane_at.get((row, segment))
+    return row if lane is not None and lane.key == key else -1
 
 
 def _main_edge_by_segment(network: RouteNetwork, breaks: np.ndarray) -> list[str]:

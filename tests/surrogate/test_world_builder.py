@@ -179,3 +179,12 @@ def test_a_layout_that_names_what_the_scenario_lacks_is_refused(
 ) -> None:
     with pytest.raises(ScenarioError, match=named):
         build_template(corridor, replace(layout, **change))
+
+
+def test_lanes_beside_one_another_are_so_from_both_sides(template: WorldTemplate) -> None:
+    """Where an exit's lanes begin within the junction, nobody can change onto the exit from the carriageway."""
+    left, right = np.asarray(template.road.left_row), np.asarray(template.road.right_row)
+    for there, back in ((left, right), (right, left)):
+        row, segment = np.nonzero(there >= 0)
+        assert len(row) > 0
+        np.testing.assert_array_equal(back[there[row, segment], segment], row)
