@@ -149,6 +149,8 @@ def _naive_lines(cases: Sequence[Answered], clear: Sequence[Answered], forest: S
         "largest error looked up": largest_error,
     }
     nulls = [case for case in cases if case.truth == "none"]
+    known = [*clear, *nulls]
+    right = [is_named_alone(case) or (case.truth == "none" and not is_false_alarm(case)) for case in known]
     lines: list[Line] = []
     for name, answer in baselines.items():
         theirs = [answer(case) for case in clear]
@@ -159,11 +161,17 @@ def _naive_lines(cases: Sequence[Answered], clear: Sequence[Answered], forest: S
         lines.append(Line.of_rate(f"naive: {name}: true effect", rate(hits)))
         alarms = rate([answer(case) not in (None, "none") for case in nulls])
         lines.append(Line.of_rate(f"naive: {name}: false alarms without effect", alarms))
-        step, low = paired_difference([is_named_alone(case) for case in clear], hits)
-        note = f"lower end of the 95 % interval {low:+.2f}; expected above 0"
-        is_met = bool(low > 0.0) if clear else None
-        lines.append(Line(f"named alone, more often than naive: {name}", step, len(clear), note=note, is_met=is_met))
+        lines.append(_more_often("named alone", name, [is_named_alone(case) for case in clear], hits))
+        theirs_right = [(answer(case) or "none") == case.truth for case in known]
+        lines.append(_more_often("named alone, or nothing named where nothing is", name, right, theirs_right))
     return lines
+
+
+def _more_often(what: str, name: str, ours: Sequence[bool], theirs: Sequence[bool]) -> Line:
+    step, low = paired_difference(ours, theirs)
+    note = f"lower end of the 95 % interval {low:+.2f}; expected above 0"
+    is_met = bool(low > 0.0) if ours else None
+    return Line(f"{what}, more often than naive: {name}", step, len(ours), note=note, is_met=is_met)
 
 
 def _share(

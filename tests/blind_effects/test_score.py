@@ -110,6 +110,10 @@ def test_the_table_counts():
     assert value_of(lines, "90 % sets hold") == pytest.approx(4 / 7)
     assert value_of(lines, "pairs: both") is None
     assert value_of(lines, "named alone, more often than naive: random") == pytest.approx(1 / 3)
+    assert value_of(lines, "named alone, or nothing named where nothing is, more often than naive: random") == 0.0
+    guessed = score(cases, ["memory", "grade", "none", "memory", "none", "grade", "memory", "none", "none"])
+    line = "named alone, or nothing named where nothing is, more often than naive: random"
+    assert value_of(guessed, line) == pytest.approx((3 - 2) / 6)
 
 
 def test_fraction_closed_is_judged_by_the_twin():
