@@ -6,8 +6,8 @@ by one process, when its task is done: whatever workers do, no row is lost or th
 
 import io
 import queue
-import tarfile
 import time
+import zipfile
 from collections.abc import Iterable, Iterator
 from typing import Any, cast
 
@@ -135,8 +135,8 @@ class ClusterEngine:
 def archive_of(problem: CalibrationProblem) -> bytes:
     """Return a case's folder as one piece, for workers that may not see this machine's disks."""
     stream = io.BytesIO()
-    with tarfile.open(fileobj=stream, mode="w") as archive:
+    with zipfile.ZipFile(stream, "w", strict_timestamps=False) as archive:
         for file in sorted(problem.case.folder.rglob("*")):
             if file.is_file():
-                archive.add(file, str(file.relative_to(problem.case.folder)))
+                archive.write(file, str(file.relative_to(problem.case.folder)))
     return stream.getvalue()
