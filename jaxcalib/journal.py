@@ -22,7 +22,7 @@ from sim_adapters.jax_simulator import JaxSimulator
 from sim_adapters.sumo_simulator import SumoSimulator
 
 COLUMNS = ("key", "status", "observed", "num_arrived", "num_inserted", "num_collisions", "num_teleports",
-           "num_subject_overlaps", "num_vehicle_steps", "wall_s", "log_tail")  # fmt: skip
+           "num_subject_overlaps", "num_vehicle_steps", "subject_left", "wall_s", "log_tail")  # fmt: skip
 
 
 class Journal:
@@ -210,6 +210,7 @@ def _part_of(keys: list[str], outcomes: Sequence[RunOutcome]) -> dict[str, np.nd
         "num_teleports": np.asarray([outcome.num_teleports for outcome in outcomes]),
         "num_subject_overlaps": np.asarray([outcome.num_subject_overlaps for outcome in outcomes]),
         "num_vehicle_steps": np.asarray([outcome.num_vehicle_steps for outcome in outcomes]),
+        "subject_left": np.asarray([outcome.subject_left for outcome in outcomes], bool),
         "wall_s": np.asarray([outcome.wall_s for outcome in outcomes]),
         "log_tail": np.asarray([outcome.log_tail for outcome in outcomes]),
         "values": np.asarray([outcome.request.values for outcome in outcomes], float),
@@ -232,6 +233,7 @@ def _outcome_of(columns: dict[str, np.ndarray], row: int) -> RunOutcome:
         num_teleports=int(columns["num_teleports"][row]),
         num_subject_overlaps=int(columns["num_subject_overlaps"][row]),
         num_vehicle_steps=int(columns["num_vehicle_steps"][row]),
+        subject_left=bool(columns["subject_left"][row]),
         wall_s=float(columns["wall_s"][row]),
         log_tail=str(columns["log_tail"][row]),
     )

@@ -13,7 +13,7 @@ import numpy as np
 
 from jaxcalib.calibration.budget import Budget, plan_budget
 from jaxcalib.calibration.confirmation import Confirmation, confirm
-from jaxcalib.calibration.evaluator import Evaluator
+from jaxcalib.calibration.evaluator import Evaluations, Evaluator
 from jaxcalib.calibration.final_errors import FinalRuns, start_final_runs
 from jaxcalib.calibration.record import CalibrationRecord
 from jaxcalib.calibration.two_stage import TwoStageResult, search_two_stages
@@ -242,16 +242,14 @@ def surrogate_on_held_out(
     confirmation: Confirmation,
     plan: Budget,
     first_seed: int,
-) -> np.ndarray | None:
-    """Return the surrogate's tallies of the result on held-out drives, summed over runs: nothing is chosen by them."""
+) -> Evaluations | None:
+    """Return the surrogate's runs of the result on held-out drives, if there are any: nothing is chosen by them."""
     departs_s = problem.departs_s("held_out")
     if not departs_s:
         return None
     evaluator = Evaluator(JournaledSurrogate(engine, journal), departs_s, first_seed + FINAL_SEEDS["held_out"])
     values = initial.space.values_of(confirmation.best[None])
-    num_runs = evaluator.rounds_of(plan.noise_runs)
-    summed = num_runs * evaluator.evaluate(values, num_runs).pooled[0]
-    return summed if np.isfinite(summed).all() else None
+    return evaluator.evaluate(values, evaluator.rounds_of(plan.noise_runs))
 
 
 class Stopwatch:

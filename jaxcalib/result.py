@@ -34,11 +34,12 @@ class Interval(msgspec.Struct, frozen=True):
 
 
 class SimulationHealth(msgspec.Struct, frozen=True):
-    """What went wrong in the confirming runs, counted.
+    """What went wrong in runs, counted.
 
     Attributes:
         runs: runs.
         failed: runs that failed.
+        unfinished: drives of other runs that did not reach their destination before the end.
         collisions: vehicle steps in a collision.
         teleports: vehicles that SUMO removed.
         subject_overlaps: steps in which a replayed subject vehicle overlaps another vehicle.
@@ -47,6 +48,7 @@ class SimulationHealth(msgspec.Struct, frozen=True):
 
     runs: int
     failed: int
+    unfinished: int
     collisions: int
     teleports: int
     subject_overlaps: int
@@ -73,7 +75,8 @@ class CalibrationResult(msgspec.Struct, frozen=True):
         transfer: surrogate against SUMO, per measure.
         confirmation: finalists with their accuracy in both simulators.
         screening: what was screened and why.
-        health: collisions, teleports, backlog of the confirming runs.
+        health: failures, unfinished drives, collisions, teleports, backlog of SUMO's runs, and of the surrogate's with
+            the result on held-out drives.
         seeds: first seeds of each kind of run.
         timing: measured times and the ratio of speeds; not reproducible.
         warnings: what a user should know.

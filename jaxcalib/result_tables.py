@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from jaxcalib.calibration.evaluator import Evaluations
 from jaxcalib.calibration.final_errors import (
     FinalRuns,
     all_runs_of_role,
@@ -20,7 +21,8 @@ from jaxcalib.error_tables import change_table, effectiveness_table, part_by_rol
 from jaxcalib.measures.measure import MeasureValue
 from jaxcalib.result import CalibrationResult, Interval, SimulationHealth, rounded
 from jaxcalib.run_folder import LIBRARIES
-from jaxcalib.simulation_health import health_of
+from jaxcalib.simulation_health import health_of, unfinished_warnings
+from sim_adapters.interface import RunOutcome
 
 NORMAL_90 = 1.645
 NEAR_BOUND = 0.005  # of the unit range
@@ -51,7 +53,7 @@ def build_result(record: CalibrationRecord) -> CalibrationResult:
         moes=effectiveness_table(errors, notes),
         runs={
             "surrogate": record.num_surrogate_runs,
-            "sumo": sum(health.runs for health in _health(record).values()),
+            "sumo": sum(_health(record)[name].runs for name in _sumo_outcomes(record)),
         },
         wall_s=record.wall_s,
         notes=notes,
@@ -89,7 +91,7 @@ def build_result(record: CalibrationRecord) -> CalibrationResult:
         health=_health(record),
         seeds=record.search_seeds,
         timing=_timing(record),
-        warnings=list(problem.warnings()) + _bound_warnings(record),
+        warnings=list(problem.warnings()) + _bound_warnings(record) + unfinished_warnings(_health(record)),
         versions={"jaxcalib": metadata.version("jaxcalib")} | {name: metadata.version(name) for name in LIBRARIES},
     )  # fmt: skip
 
@@ -122,10 +124,13 @@ def _mops(
     winner = record.confirmation.confirmed[record.confirmation.winner]
     sources: dict[str, dict[str, np.ndarray | None]] = {
         "field": {role: problem.field_of(role).sum(axis=0) for role in ROLES},
-        "surrogate": {"fit": winner.surrogate_runs * winner.surrogate, "held_out": record.surrogate_on_held_out},
+        "surrogate": {
+            "fit": winner.surrogate_runs * winner.surrogate,
+            "held_out": _summed(record.surrogate_on_held_out),
+        },
         "sumo": {role: calibrated[role].tally.sum(axis=0) for role in ROLES},
     }
-    if record.surrogate_on_held_out is None:
+    if sources["surrogate"]["held_out"] is None:
         notes["mops.surrogate.held_out"] = "no held-out drive, or the surrogate failed on them"
     return {
         source: {
@@ -134,6 +139,13 @@ def _mops(
         }
         for source, by_role in sources.items()
     }
+
+
+def _summed(evaluations: Evaluations | None) -> np.ndarray | None:
+    """Return the tally of one candidate, summed over runs; None where there is none or it failed."""
+    if evaluations is None or not evaluations.is_ok[0]:
+        return None
+    return evaluations.tally.shape[1] * evaluations.pooled[0]
 
 
 def _measured(
@@ -215,13 +227,21 @@ def _screening(record: CalibrationRecord, screening: Screening) -> dict[str, Any
 
 
 def _health(record: CalibrationRecord) -> dict[str, SimulationHealth]:
+    groups = _sumo_outcomes(record)
+    if record.surrogate_on_held_out is not None:
+        groups["surrogate"] = list(record.surrogate_on_held_out.outcomes[0])
+    return {name: health_of(group) for name, group in groups.items()}
+
+
+def _sumo_outcomes(record: CalibrationRecord) -> dict[str, list[RunOutcome]]:
+    """Return SUMO's runs by what they were for."""
     groups: dict[str, list[FinalRuns]] = {
         "calibrated": list(record.calibrated.values()),
         "uncalibrated": list(record.uncalibrated.values()),
     }
     outcomes = {name: [outcome for runs in group for outcome in runs.outcomes] for name, group in groups.items()}
     outcomes["confirmation"] = list(record.confirmation.outcomes)
-    return {name: health_of(group) for name, group in outcomes.items() if group}
+    return {name: group for name, group in outcomes.items() if group}
 
 
 def _timing(record: CalibrationRecord) -> dict[str, float]:

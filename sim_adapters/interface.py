@@ -87,6 +87,7 @@ class RunOutcome:
         num_teleports: vehicles that the simulator removed.
         num_subject_overlaps: steps in which a replayed subject vehicle overlaps another vehicle.
         num_vehicle_steps: vehicles on the road, summed over steps; 0 where it is not counted.
+        subject_left: whether the subject vehicle reached its destination before the run ended.
         wall_s: computing time of this run alone, where it is known; its share where one run answered several requests.
         log_tail: the simulator's last words if it failed.
     """
@@ -100,6 +101,7 @@ class RunOutcome:
     num_teleports: int = 0
     num_subject_overlaps: int = 0
     num_vehicle_steps: int = 0
+    subject_left: bool = True
     wall_s: float = float("nan")
     log_tail: str = field(default="", repr=False)
 

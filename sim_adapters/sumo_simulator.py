@@ -217,6 +217,7 @@ class SumoSimulator:
             num_subject_overlaps=run.num_subject_overlaps,
             num_teleports=run.num_teleports,
             num_vehicle_steps=run.num_vehicle_steps,
+            subject_left=run.subject_left[subject],
             wall_s=run.wall_s / num_sharing,
         )
 
@@ -230,6 +231,7 @@ class SumoSimulator:
             num_arrived=none,
             num_inserted=none,
             num_collisions=0,
+            subject_left=False,
             log_tail=log_tail,
         )
 

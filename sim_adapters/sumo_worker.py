@@ -76,6 +76,7 @@ class SumoRun:
         num_subject_overlaps: steps in which a subject vehicle that is told what to do is in a collision.
         num_teleports: vehicles that SUMO removed.
         num_vehicle_steps: vehicles on the road, summed over steps.
+        subject_left: whether the subject vehicle, each of them, reached its destination.
         wall_s: computing time.
         passed_s: when vehicles passed the end of each counted edge.
     """
@@ -93,6 +94,7 @@ class SumoRun:
     num_subject_overlaps: int
     num_teleports: int
     num_vehicle_steps: int
+    subject_left: tuple[bool, ...]
     wall_s: float
     passed_s: Mapping[str, np.ndarray]
 
@@ -211,6 +213,7 @@ def _step_until_subject_left(libsumo, job: SumoJob) -> dict:
         "num_subject_overlaps": num_overlaps,
         "num_teleports": num_teleports,
         "num_vehicle_steps": num_vehicle_steps,
+        "subject_left": tuple(has_left or name not in to_come | on_the_way for name in job.subject_vehicles),
         "num_frames": num_frames,
         "passed_s": {edge: np.asarray(times) for edge, times in passed.items()},
     }

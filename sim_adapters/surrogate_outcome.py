@@ -42,6 +42,7 @@ def outcome_of(request: RunRequest, record: RunRecord, wall_s: float) -> RunOutc
         num_collisions=int(record.num_collisions),
         num_subject_overlaps=num_overlaps,
         num_vehicle_steps=int(record.num_vehicle_steps),
+        subject_left=bool(record.subject_left),
         wall_s=wall_s,
     )
 

@@ -2,10 +2,9 @@
 
 from dataclasses import dataclass, field
 
-import numpy as np
-
 from jaxcalib.calibration.budget import Budget
 from jaxcalib.calibration.confirmation import Confirmation
+from jaxcalib.calibration.evaluator import Evaluations
 from jaxcalib.calibration.final_errors import FinalRuns
 from jaxcalib.calibration.two_stage import TwoStageResult
 from jaxcalib.case import Role
@@ -30,8 +29,7 @@ class CalibrationRecord:
         uncalibrated: SUMO runs of the scenario as it was.
         search_seeds: first seed of each kind of run.
         num_surrogate_runs: runs of the search in the surrogate.
-        surrogate_on_held_out: the surrogate's tallies of the result on held-out drives, summed over runs; None where it
-            has none.
+        surrogate_on_held_out: the surrogate's runs of the result on held-out drives; None where no drive is held out.
         num_sumo_processes: SUMO runs side by side.
         wall_s: time of each part.
     """
@@ -47,6 +45,6 @@ class CalibrationRecord:
     uncalibrated: dict[Role, FinalRuns]
     search_seeds: dict[str, int]
     num_surrogate_runs: int
-    surrogate_on_held_out: np.ndarray | None
+    surrogate_on_held_out: Evaluations | None
     num_sumo_processes: int
     wall_s: dict[str, float] = field(default_factory=dict)

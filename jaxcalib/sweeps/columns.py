@@ -28,6 +28,7 @@ STATUS_COLUMNS = {
     "num_inserted": (pa.int32(), "vehicles that entered"),
     "backlog_share": (pa.float32(), "share of the demand that had not entered by the end"),
     "num_vehicle_steps": (pa.int64(), "vehicles on the road, summed over steps"),
+    "subject_left": (pa.bool_(), "whether the subject vehicle reached its destination"),
     "wall_s": (pa.float32(), "computing time of the run; that of its batch, shared out, in the surrogate"),
     "log_tail": (pa.string(), "the simulator's last words if it failed"),
 }
@@ -96,6 +97,7 @@ def rows_of(
         "num_inserted": [int(outcome.num_inserted.sum()) for outcome in outcomes],
         "backlog_share": [outcome.backlog_share for outcome in outcomes],
         "num_vehicle_steps": [outcome.num_vehicle_steps for outcome in outcomes],
+        "subject_left": [outcome.subject_left for outcome in outcomes],
         "wall_s": [None if np.isnan(outcome.wall_s) else outcome.wall_s for outcome in outcomes],
         "log_tail": [shorten(outcome.log_tail, LONGEST_LOG) or None for outcome in outcomes],
     }

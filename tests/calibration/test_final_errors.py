@@ -1,9 +1,10 @@
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 
 from jaxcalib.calibration.final_errors import FinalRuns, runs_of_role, with_outcomes
-from jaxcalib.simulation_health import health_of
+from jaxcalib.simulation_health import health_of, unfinished_warnings
 from sim_adapters.interface import RunOutcome, RunRequest, Status
 
 DEPARTS_S = (300.0, 340.0, 300.0)
@@ -47,6 +48,15 @@ def test_runs_for_one_role_serve_the_other_each_drive_equally_often():
     # a third run for the second drive would weigh it more than the first
     found = runs_of_role(problem, runs, "fit")  # pyright: ignore[reportArgumentType]
     assert found.tally[:, 0].tolist() == [1.0, 3.0]
+
+
+def test_drives_that_did_not_arrive_are_counted_and_warned_of():
+    runs = [replace(outcome(300.0, seed), subject_left=seed != 2) for seed in range(4)]
+    runs.append(replace(outcome(300.0, 4, Status.FAILED), subject_left=False))  # it failed, which is counted elsewhere
+    health = {"calibrated": health_of(runs), "surrogate": health_of(runs[:2])}
+    assert [one.unfinished for one in health.values()] == [1, 0]
+    (warning,) = unfinished_warnings(health)
+    assert "1 in 5 runs (calibrated)" in warning
 
 
 def test_drives_that_share_a_run_count_once_in_its_health():

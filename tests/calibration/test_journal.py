@@ -13,7 +13,7 @@ def outcome(seed: int, status: Status = Status.OK) -> RunOutcome:
     observed = np.asarray([0.1 * seed, np.pi, -3.0], np.float32) if status.is_ok else None
     request = RunRequest((1234.5, 0.1 + seed / 3.0), seed, 320.0)
     return RunOutcome(
-        request, status, observed, np.asarray([7, 2]), np.asarray([6, 2]), 3, 1, 5 * seed, 99, 0.25,
+        request, status, observed, np.asarray([7, 2]), np.asarray([6, 2]), 3, 1, 5 * seed, 99, seed != 3, 0.25,
         "" if status.is_ok else "end",
     )  # fmt: skip
 
@@ -29,6 +29,7 @@ def test_what_was_added_is_found_again_bit_for_bit(tmp_path: Path):
         assert found.status is one.status
         assert found.request == one.request
         assert found.log_tail == one.log_tail
+        assert found.subject_left is (one.request.seed != 3)
         assert found.num_subject_overlaps == one.num_subject_overlaps == 5 * one.request.seed
         if one.observed is None:
             assert found.observed is None

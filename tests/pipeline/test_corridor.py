@@ -50,6 +50,8 @@ def test_result_keeps_the_contract(result: dict):
             assert set(result["moes"][kind][role]) == {*VEHICLE_LEVEL, *TRAFFIC_LEVEL}
     assert result["runs"]["surrogate"] > 100
     assert result["runs"]["sumo"] > 10
+    assert set(result["health"]) == {"calibrated", "uncalibrated", "confirmation", "surrogate"}
+    assert all(one["runs"] > one["failed"] + one["unfinished"] == 0 for one in result["health"].values())
     parts = {"total", "compile", "stage1", "stage2_exploration", "stage2_optimisation", "confirmation"}
     assert parts <= set(result["wall_s"])
 

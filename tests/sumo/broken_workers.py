@@ -37,6 +37,7 @@ def short_run(job: SumoJob) -> SumoRun:
         num_subject_overlaps=0,
         num_teleports=0,
         num_vehicle_steps=4,
+        subject_left=(True,) * len(job.subject_vehicles),
         wall_s=0.0,
         passed_s={},
     )

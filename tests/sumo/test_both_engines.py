@@ -83,6 +83,7 @@ def test_the_observations_are_the_problem_s_tallies(outcomes: list[RunOutcome], 
         assert isinstance(outcome.observed, np.ndarray)
         assert outcome.observed.shape == (len(problem.tally_names),)
         assert np.isfinite(outcome.observed).all()
+        assert not outcome.subject_left  # the run ends before
         tally = dict(zip(problem.tally_names, outcome.observed, strict=True))
         assert tally["drives"] == 1
         # one frame every 0.5 s from the departure to the end; there is room within seconds

@@ -154,6 +154,7 @@ def test_the_run_is_worth_measuring(observed: Observed, sumo: Stated):
     assert observed.outcome.status is Status.OK
     assert observed.outcome.num_teleports == observed.outcome.num_collisions == 0
     assert sumo.trip["arrival"] < END_S
+    assert observed.outcome.subject_left
     assert observed.tally["cut_ins"] >= 3
     assert observed.tally["overtakes"] >= 5
 
