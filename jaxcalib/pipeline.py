@@ -94,9 +94,7 @@ def _calibrate(
     progress: Progress,
     began: float,
 ) -> CalibrationResult:
-    plan = plan_budget(problem, scale)
-    if "correction" in settings.without:
-        plan = replace(plan, confirmation_rounds=1)
+    plan = plan_calibration(problem, settings, scale)
     first_seed = seed * SEEDS_PER_CALIBRATION
     stopwatch = Stopwatch(run_folder.journal.clock)
     stopwatch.add("reading", time.perf_counter() - began)
@@ -154,6 +152,12 @@ def _calibrate(
     result = build_result(record)
     write_outputs(record, result, run_folder)
     return result
+
+
+def plan_calibration(problem: CalibrationProblem, settings: Settings, scale: float) -> Budget:
+    """Return the numbers of runs of a calibration with the user's options; see `plan_budget`."""
+    plan = plan_budget(problem, scale)
+    return replace(plan, confirmation_rounds=1) if "correction" in settings.without else plan
 
 
 @dataclass(frozen=True)

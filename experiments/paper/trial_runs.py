@@ -1,7 +1,8 @@
 """Makes a trial: a calibration, or what stands in its place, and its errors in SUMO on drives it has not seen."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -17,15 +18,35 @@ from jaxcalib.engines import sumo_engine, surrogate_engine
 from jaxcalib.initial_values.initial_point import demand_from_logs
 from jaxcalib.journal import JournaledSumo, JournaledSurrogate, write_atomically
 from jaxcalib.parameter_space import parameter_space, round_values
-from jaxcalib.pipeline import FINAL_SEEDS, SEARCH_SEED, SEEDS_PER_CALIBRATION, calibrate
+from jaxcalib.pipeline import (
+    FINAL_SEEDS,
+    SEARCH_SEED,
+    SEEDS_PER_CALIBRATION,
+    Stopwatch,
+    plan_calibration,
+    search_values,
+)
 from jaxcalib.problem import CalibrationProblem, read_problem
 from jaxcalib.progress import Progress
-from jaxcalib.result import CalibrationResult
 from jaxcalib.run_folder import RunFolder, identify, open_run_folder
 from jaxcalib.settings import Settings
+from jaxcalib.simulation_health import health_of
 
 # From the first case of Stage 1 to the values returned (Section 5.3.3); what the logs say before is not counted there.
 CALIBRATION_PARTS = ("stage1", "stage2_exploration", "stage2_optimisation", "confirmation")
+
+
+@dataclass(frozen=True)
+class Found:
+    """What a method found, and what that cost; see `Trial`."""
+
+    values: np.ndarray
+    surrogate_runs: int = 0
+    sumo_runs: int = 0
+    calibration_s: float = 0.0
+    critical: Sequence[str] = ()
+    stage2_undid_stage1: bool | None = None
+    flow_accuracy: Sequence[float] = ()
 
 
 def run_trial(
@@ -60,83 +81,95 @@ def run_trial(
     file = folder / TRIAL_FILE
     if file.is_file():
         return read_trial(file)
-    if method in (NO_CALIBRATION, STATE_OF_THE_ART):
-        trial = _own_run(method, pattern, repetition, case, folder / "run", seed, budget, settings, progress)
-    else:
-        chosen = settings_of(method, settings)
-        result = calibrate(
-            case, folder / "run", seed=seed, budget=budget, resume=True, settings=chosen, progress=progress
-        )
-        trial = trial_of(method, pattern, repetition, seed, result)
+    problem = read_problem(case)
+    options = {"method": method, "seed": seed, "budget": budget, "settings": repr(settings)}
+    with open_run_folder(folder / "run", identify(problem.case, options), resume=True) as run_folder:
+        found = find_values(method, problem, run_folder, seed, budget, settings, progress)
+        errors = errors_in_sumo(problem, run_folder, found.values, seed, budget, progress)
+    trial = Trial(
+        method=method,
+        pattern=pattern,
+        repetition=repetition,
+        seed=seed,
+        surrogate_runs=found.surrogate_runs,
+        sumo_runs=found.sumo_runs,
+        calibration_s=found.calibration_s,
+        parameters=dict(zip(problem.layout.names, found.values.tolist(), strict=True)),
+        critical=list(found.critical),
+        num_drivers=len(problem.layout.attributes),
+        stage2_undid_stage1=found.stage2_undid_stage1,
+        flow_accuracy=list(found.flow_accuracy),
+        **errors,
+    )
     write_atomically(file, lambda stream: stream.write(trial_json(trial).encode()))
     return trial
 
 
-def trial_of(method: str, pattern: int, repetition: int, seed: int, result: CalibrationResult) -> Trial:
-    """Return what a study needs of the result of a calibration."""
-    role = "held_out" if any(one is not None for one in result.moes["calibrated"]["held_out"].values()) else "fit"
-    behaviour = next(iter(result.parameters["behaviour"].values()))
-    return Trial(
-        method=method,
-        pattern=pattern,
-        repetition=repetition,
-        seed=seed,
-        role=role,
-        errors=result.moes["calibrated"][role],
-        floor=result.moes["noise_floor"][role],
-        vehicle_level=result.vehicle_level_error["calibrated"][role]["value"],
-        surrogate_runs=result.runs["surrogate"],
-        sumo_runs=result.health["confirmation"].runs if "confirmation" in result.health else 0,
-        calibration_s=sum(result.wall_s.get(part, 0.0) for part in CALIBRATION_PARTS),
-        parameters={**result.parameters["demand"], **behaviour},
-        critical=list(result.critical_parameters),
-        num_drivers=len(behaviour),
-        stage2_undid_stage1=bool(result.confirmation["stage2_undid_stage1"]),
-        flow_accuracy=[float(one) for one in result.confirmation["flow_accuracy_stage1_saga_polish"]],
-    )
-
-
-def _own_run(
+def find_values(
     method: str,
-    pattern: int,
-    repetition: int,
-    case: Path,
-    folder: Path,
-    seed: int,
-    budget: float,
-    settings: Settings,
-    progress: Progress,
-) -> Trial:
-    problem = read_problem(case)
-    options = {"method": method, "seed": seed, "budget": budget, "settings": repr(settings)}
-    with open_run_folder(folder, identify(problem.case, options), resume=True) as run_folder:
-        values, runs, calibration_s = round_values(problem.template.base_values()), 0, 0.0
-        if method == STATE_OF_THE_ART:
-            values, runs, calibration_s = _searched(problem, run_folder, seed, budget, settings, progress)
-        errors = _errors_in_sumo(problem, run_folder, values, seed, budget, progress)
-    return Trial(
-        method=method,
-        pattern=pattern,
-        repetition=repetition,
-        seed=seed,
-        surrogate_runs=runs,
-        sumo_runs=0,
-        calibration_s=calibration_s,
-        parameters=dict(zip(problem.layout.names, values.tolist(), strict=True)),
-        critical=[],
-        num_drivers=len(problem.layout.attributes),
-        **errors,
-    )
-
-
-def _searched(
     problem: CalibrationProblem,
     run_folder: RunFolder,
     seed: int,
     budget: float,
     settings: Settings,
     progress: Progress,
-) -> tuple[np.ndarray, int, float]:
+) -> Found:
+    """Return the values that a method finds.
+
+    Args:
+        method: its name.
+        problem: the pattern's case.
+        run_folder: keeps the runs.
+        seed: of all random numbers.
+        budget: factor on the numbers of runs.
+        settings: what all methods share.
+        progress: told how far it is.
+
+    Raises:
+        AllRunsFailedError: a simulator failed.
+    """
+    if method == NO_CALIBRATION:
+        return Found(round_values(problem.template.base_values()))
+    if method == STATE_OF_THE_ART:
+        return _state_of_the_art(problem, run_folder, seed, budget, settings, progress)
+    return _two_stages(problem, run_folder, seed, budget, settings_of(method, settings), progress)
+
+
+def _two_stages(
+    problem: CalibrationProblem,
+    run_folder: RunFolder,
+    seed: int,
+    budget: float,
+    settings: Settings,
+    progress: Progress,
+) -> Found:
+    plan, journal = plan_calibration(problem, settings, budget), run_folder.journal
+    progress.plan(plan.num_surrogate_runs, plan.num_sumo_runs)
+    stopwatch = Stopwatch(journal.clock)
+    engine = surrogate_engine(problem)
+    with sumo_engine(problem) as pool:
+        sumo = JournaledSumo(pool, journal)
+        searched = search_values(problem, settings, plan, seed, engine, sumo, journal, progress, stopwatch)
+    names = searched.initial.space.names
+    return Found(
+        values=searched.values,
+        surrogate_runs=searched.surrogate.num_runs,
+        sumo_runs=health_of(searched.confirmation.outcomes).runs if searched.confirmation.outcomes else 0,
+        calibration_s=sum(stopwatch.wall_s.get(part, 0.0) for part in CALIBRATION_PARTS),
+        critical=[names[place] for place in searched.found.critical],
+        stage2_undid_stage1=bool(searched.found.has_drifted),
+        flow_accuracy=[float(one) for one in searched.found.stage_1_accuracy],
+    )
+
+
+def _state_of_the_art(
+    problem: CalibrationProblem,
+    run_folder: RunFolder,
+    seed: int,
+    budget: float,
+    settings: Settings,
+    progress: Progress,
+) -> Found:
     """Return values, runs and time of the state of the art; as many runs as our method plans at this budget."""
     plan, journal = plan_budget(problem, budget), run_folder.journal
     progress.plan(plan.num_surrogate_runs, plan.num_sumo_runs)
@@ -158,10 +191,10 @@ def _searched(
         settings.accuracy_threshold, seed, progress.best,
     )  # fmt: skip
     elapsed_s = journal.clock() - began - (engine.compile_s - compiled_s)
-    return space.values_of(best[None])[0], evaluator.num_runs, elapsed_s
+    return Found(space.values_of(best[None])[0], evaluator.num_runs, calibration_s=elapsed_s)
 
 
-def _errors_in_sumo(
+def errors_in_sumo(
     problem: CalibrationProblem,
     run_folder: RunFolder,
     values: np.ndarray,
@@ -169,7 +202,10 @@ def _errors_in_sumo(
     budget: float,
     progress: Progress,
 ) -> dict:
-    """Return the errors of values as a calibration measures them: same runs, same seeds, same pooling."""
+    """Return the errors of values, pooled and numbered as in result.json; the same runs and seeds for all methods.
+
+    Drives share runs where their departures allow it: hundreds of trials are compared, each by as many drives.
+    """
     plan, first_seed = plan_budget(problem, budget), seed * SEEDS_PER_CALIBRATION
     counts: dict[Role, int] = {"held_out": plan.final_runs, "fit": plan.final_fit_runs}
     progress.stage("final_errors")
@@ -177,10 +213,11 @@ def _errors_in_sumo(
         sumo = JournaledSumo(pool, run_folder.journal)
         waiting: dict[Role, Callable[[], FinalRuns]] = {
             role: start_final_runs(
-                problem, sumo, values, role, counts[role], first_seed + FINAL_SEEDS[role], progress.sumo_runs
+                problem, sumo, values, role, counts[role], first_seed + FINAL_SEEDS[role], progress.sumo_runs,
+                shares_runs=problem.template.can_share_runs,
             )
             for role in FINAL_SEEDS
-        }
+        }  # fmt: skip
         runs: dict[Role, FinalRuns] = {role: wait() for role, wait in waiting.items()}
     for role in reversed(ROLES):  # held-out drives, or those to fit where there are none
         pooled = runs_of_role(problem, runs, role)

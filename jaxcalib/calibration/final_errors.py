@@ -15,7 +15,7 @@ from jaxcalib.calibration.accuracy import (
     vehicle_level_of,
 )
 from jaxcalib.calibration.bootstrap import Samples, bootstrap_errors, interval_of
-from jaxcalib.calibration.evaluator import gather
+from jaxcalib.calibration.evaluator import Evaluator, gather
 from jaxcalib.case import ROLES, Role
 from jaxcalib.journal import JournaledSumo
 from jaxcalib.problem import CalibrationProblem
@@ -94,6 +94,7 @@ def start_final_runs(
     num_runs: int,
     first_seed: int,
     on_run: Callable[[int], None],
+    shares_runs: bool = False,
 ) -> Callable[[], FinalRuns]:
     """Start the runs of a point in the background; return what waits for them.
 
@@ -105,13 +106,19 @@ def start_final_runs(
         num_runs: runs, the drives in turn.
         first_seed: seed of the first; each run has its own.
         on_run: told of each run.
+        shares_runs: whether drives that depart far enough apart share a run and its seed; what counts as a run above is
+            a drive then.
     """
     departs_s = problem.departs_s(role)
-    drive = np.arange(num_runs if departs_s else 0) % max(len(departs_s), 1)
-    requests = [
-        RunRequest(tuple(float(value) for value in values), first_seed + run, departs_s[place])
-        for run, place in enumerate(drive)
-    ]
+    num_runs = num_runs if departs_s else 0
+    if shares_runs and num_runs:
+        requests = Evaluator(sumo, departs_s, first_seed, shares_runs=True).requests(values, num_runs)
+    else:
+        requests = [
+            RunRequest(tuple(float(value) for value in values), first_seed + run, departs_s[run % len(departs_s)])
+            for run in range(num_runs)
+        ]
+    drive = _drives_in_turn([request.depart_s for request in requests], departs_s)
     wait = sumo.start(requests, on_run)
 
     def finish() -> FinalRuns:
@@ -188,22 +195,25 @@ def with_outcomes(runs: FinalRuns, departs_s: tuple[float, ...], more: tuple[Run
         departs_s: when the subject vehicle departs in each drive.
         more: other runs; those that failed or depart at another time are left out.
     """
+    used = [outcome for outcome in more if outcome.status.is_ok and outcome.request.depart_s in departs_s]
+    if not used:
+        return runs
+    drive = _drives_in_turn([outcome.request.depart_s for outcome in used], departs_s)
+    tally = np.asarray([outcome.observed for outcome in used], float)
+    return FinalRuns(np.vstack([runs.tally, tally]), np.concatenate([runs.drive, drive]), (*runs.outcomes, *used))
+
+
+def _drives_in_turn(run_departs_s: Sequence[float], departs_s: tuple[float, ...]) -> np.ndarray:
+    """Return which drive each run stands for: drives that depart at the same time are alike and take runs in turn."""
     places: dict[float, list[int]] = {}
     for place, depart_s in enumerate(departs_s):
         places.setdefault(depart_s, []).append(place)
-    used = [outcome for outcome in more if outcome.status.is_ok and outcome.request.depart_s in places]
-    if not used:
-        return runs
     seen: dict[float, int] = {}
     drive = []
-    for outcome in used:  # drives that depart at the same time are alike; runs take them in turn
-        depart_s = outcome.request.depart_s
+    for depart_s in run_departs_s:
         seen[depart_s] = seen.get(depart_s, -1) + 1
         drive.append(places[depart_s][seen[depart_s] % len(places[depart_s])])
-    tally = np.asarray([outcome.observed for outcome in used], float)
-    return FinalRuns(
-        np.vstack([runs.tally, tally]), np.concatenate([runs.drive, drive]).astype(int), (*runs.outcomes, *used)
-    )
+    return np.asarray(drive, int)
 
 
 def _one_run_per_drive(runs: FinalRuns) -> list[Float[np.ndarray, " tally"]]:

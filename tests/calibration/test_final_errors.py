@@ -1,9 +1,11 @@
+from collections.abc import Callable
 from dataclasses import replace
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 
-from jaxcalib.calibration.final_errors import FinalRuns, runs_of_role, with_outcomes
+from jaxcalib.calibration.final_errors import FinalRuns, runs_of_role, start_final_runs, with_outcomes
 from jaxcalib.simulation_health import health_of, unfinished_warnings
 from sim_adapters.interface import RunOutcome, RunRequest, Status
 
@@ -35,6 +37,28 @@ def test_without_any_that_fit_the_runs_stay_as_they_are():
     runs = FinalRuns(np.asarray([[1.0, 2.0]]), np.asarray([0]), (outcome(300.0, 1),))
     assert with_outcomes(runs, DEPARTS_S, (outcome(320.0, 3), outcome(300.0, 4, Status.FAILED))) is runs
     assert with_outcomes(runs, DEPARTS_S, ()) is runs
+
+
+def test_drives_may_share_runs_and_each_is_made_equally_often():
+    asked: list[RunRequest] = []
+
+    def start(requests: list[RunRequest], on_run: Any) -> Callable[[], list[RunOutcome]]:
+        asked.extend(requests)
+        return lambda: [replace(outcome(one.depart_s, one.depart_s + one.seed), request=one) for one in requests]
+
+    departs_s = (300.0, 320.0, 360.0, 300.0, 320.0, 360.0)
+    problem: Any = SimpleNamespace(departs_s=lambda role: departs_s, tally_names=("a", "b"))
+    sumo: Any = SimpleNamespace(start=start)
+    runs = start_final_runs(problem, sumo, np.ones(1), "held_out", 12, 1000, lambda count: None, shares_runs=True)()
+    assert sorted(runs.drive) == sorted([*range(6), *range(6)])
+    assert [departs_s[drive] for drive in runs.drive] == [one.depart_s for one in asked]
+    together = [(one.seed, sorted({one.depart_s, *one.also_depart_s})) for one in asked if one.also_depart_s]
+    assert together
+    assert all(other == [300.0, 360.0] for _, other in together)
+    assert len({(one.seed, one.depart_s) for one in asked}) == 12  # none is made twice
+    alone = start_final_runs(problem, sumo, np.ones(1), "held_out", 6, 1000, lambda count: None)()
+    assert alone.drive.tolist() == list(range(6))
+    assert [(one.seed, one.depart_s) for one in asked[12:]] == [(1000 + n, departs_s[n]) for n in range(6)]
 
 
 def test_runs_for_one_role_serve_the_other_each_drive_equally_often():

@@ -1,6 +1,7 @@
 """The study goes on after a kill; the state of the art keeps to its budget; the indices on a function that is known."""
 
 import sys
+from collections.abc import Callable
 from contextlib import nullcontext
 from pathlib import Path
 from types import SimpleNamespace
@@ -16,6 +17,7 @@ from experiments.paper.influence import agreement, influence_figure, influence_t
 from experiments.paper.methods import ABLATIONS, IMPROVED, PRINTED, settings_of
 from experiments.paper.study import StudyPlan, read_study, run_study
 from experiments.paper.trial import Trial
+from experiments.paper.trial_runs import Found
 from jaxcalib.calibration.accuracy import MEASURE_OF
 from jaxcalib.calibration.evaluator import AllRunsFailedError, Evaluator
 from jaxcalib.errors import CaseError
@@ -34,6 +36,16 @@ def trial(method: str, pattern: int, repetition: int, seed: int) -> Trial:
     )  # fmt: skip
 
 
+def without_simulators(monkeypatch: pytest.MonkeyPatch, find: Callable[..., Found]) -> None:
+    """Let trials be made of what is found by a function, and of errors that are as they are."""
+    layout = SimpleNamespace(names=("main", "tau"), attributes=("tau",))
+    monkeypatch.setattr(trial_runs, "read_problem", lambda folder: SimpleNamespace(
+        case=SimpleNamespace(name="toy", folder=folder), layout=layout))  # fmt: skip
+    monkeypatch.setattr(trial_runs, "find_values", find)
+    monkeypatch.setattr(trial_runs, "errors_in_sumo", lambda *options: {
+        "role": "held_out", "errors": {}, "floor": {}, "vehicle_level": 0.9})  # fmt: skip
+
+
 @pytest.fixture
 def plan(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> StudyPlan:
     case = tmp_path / "case"
@@ -49,16 +61,14 @@ def plan(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> StudyPlan:
 def test_a_study_goes_on_after_a_kill_and_makes_nothing_twice(plan: StudyPlan, monkeypatch: pytest.MonkeyPatch):
     made: list[tuple] = []
 
-    def calibrate(case: Path, folder: Path, seed: int, **options: Any) -> tuple:
+    def find(method: str, problem: Any, run_folder: Any, seed: int, *options: Any) -> Found:
         if len(made) == 3 and "killed" not in made:
             made.append("killed")  # pyright: ignore[reportArgumentType]
             raise KeyboardInterrupt
-        made.append((folder, seed))
-        return folder, seed
+        made.append((method, seed))
+        return Found(np.asarray([1.0, 2.0]), 10, 4, 1.5, ("tau",), False, (0.5, 0.6))
 
-    monkeypatch.setattr(trial_runs, "calibrate", calibrate)
-    monkeypatch.setattr(trial_runs, "trial_of", lambda method, pattern, repetition, seed, result: trial(
-        method, pattern, repetition, seed))  # fmt: skip
+    without_simulators(monkeypatch, find)
     said: list[str] = []
     with pytest.raises(KeyboardInterrupt):
         run_study(plan, lambda name: nullcontext(Silent()), said.append)
@@ -69,6 +79,7 @@ def test_a_study_goes_on_after_a_kill_and_makes_nothing_twice(plan: StudyPlan, m
     assert {(one.pattern, one.repetition): one.seed for one in trials} == {
         (1, 0): 1, (2, 0): 101, (1, 1): 2, (2, 1): 102,
     }  # fmt: skip
+    assert [dict(one.parameters) for one in trials] == [{"main": 1.0, "tau": 2.0}] * 8
     about, kept = read_study(plan.out)
     assert kept == trials
     assert {"versions", "commit", "seeds", "settings", "budget"} <= set(about)
@@ -79,12 +90,7 @@ def test_a_study_goes_on_after_a_kill_and_makes_nothing_twice(plan: StudyPlan, m
 
 
 def test_a_smaller_selection_drops_nothing_that_was_made(plan: StudyPlan, monkeypatch: pytest.MonkeyPatch):
-    def calibrate(case: Path, folder: Path, seed: int, **options: Any) -> tuple:
-        return folder, seed
-
-    monkeypatch.setattr(trial_runs, "calibrate", calibrate)
-    monkeypatch.setattr(trial_runs, "trial_of", lambda method, pattern, repetition, seed, result: trial(
-        method, pattern, repetition, seed))  # fmt: skip
+    without_simulators(monkeypatch, lambda *options: Found(np.ones(2)))
     run_study(plan, lambda name: nullcontext(Silent()), lambda line: None)
     fewer = StudyPlan(plan.case, plan.out, (IMPROVED,), (1,), 1, plan.budget, plan.settings, 1)
     assert len(run_study(fewer, lambda name: nullcontext(Silent()), lambda line: None)) == 8
