@@ -3,23 +3,21 @@
 import os
 import tempfile
 import time
-from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
-from jaxcalib.calibration.budget import Budget, plan_budget
-from jaxcalib.calibration.confirmation import Confirmation, confirm
+from jaxcalib.calibration.budget import Budget
+from jaxcalib.calibration.confirmation import Confirmation
 from jaxcalib.calibration.evaluator import Evaluations, Evaluator
 from jaxcalib.calibration.final_errors import FinalRuns, start_final_runs
 from jaxcalib.calibration.record import CalibrationRecord
-from jaxcalib.calibration.two_stage import TwoStageResult, search_two_stages
+from jaxcalib.calibration.seeds import CONFIRMATION_SEED, FINAL_SEEDS, MOST_SEED, SEARCH_SEED, SEEDS_PER_CALIBRATION
+from jaxcalib.calibration.value_search import plan_calibration, search_values
 from jaxcalib.case import Role
 from jaxcalib.engines import prepare_devices, sumo_engine, surrogate_engine
-from jaxcalib.initial_values.initial_point import InitialPoint, find_initial_point, without_driver_logs
+from jaxcalib.initial_values.initial_point import InitialPoint
 from jaxcalib.journal import Journal, JournaledSumo, JournaledSurrogate
 from jaxcalib.outputs import write_outputs
 from jaxcalib.parameter_space import parameter_space, round_values
@@ -29,14 +27,8 @@ from jaxcalib.result import CalibrationResult
 from jaxcalib.result_tables import build_result
 from jaxcalib.run_folder import RunFolder, identify, open_run_folder
 from jaxcalib.settings import Settings, read_settings
+from jaxcalib.stopwatch import Stopwatch
 from sim_adapters.jax_simulator import JaxSimulator
-
-# First seeds of each kind of run; no two kinds share one. SUMO takes 32 bits.
-SEEDS_PER_CALIBRATION = 1_000_000
-MOST_SEED = 2_000
-SEARCH_SEED = 0
-CONFIRMATION_SEED = 200_000
-FINAL_SEEDS: dict[Role, int] = {"held_out": 300_000, "fit": 400_000}
 
 
 def calibrate(
@@ -154,90 +146,6 @@ def _calibrate(
     return result
 
 
-def plan_calibration(problem: CalibrationProblem, settings: Settings, scale: float) -> Budget:
-    """Return the numbers of runs of a calibration with the user's options; see `plan_budget`."""
-    plan = plan_budget(problem, scale)
-    return replace(plan, confirmation_rounds=1) if "correction" in settings.without else plan
-
-
-@dataclass(frozen=True)
-class SearchedValues:
-    """What initial values, the two stages and the confirmation in SUMO found.
-
-    Attributes:
-        initial: where the search began.
-        found: what the two stages found in the surrogate.
-        confirmation: what SUMO made of it; its best point is the result.
-        surrogate: evaluator of the surrogate on the drives to fit.
-    """
-
-    initial: InitialPoint
-    found: TwoStageResult
-    confirmation: Confirmation
-    surrogate: Evaluator
-
-    @property
-    def values(self) -> np.ndarray:
-        """The result: parameter values in the order of the layout."""
-        return self.initial.space.values_of(self.confirmation.best[None])[0]
-
-
-def search_values(
-    problem: CalibrationProblem,
-    settings: Settings,
-    plan: Budget,
-    seed: int,
-    engine: JaxSimulator,
-    sumo: JournaledSumo,
-    journal: Journal,
-    progress: Progress,
-    stopwatch: "Stopwatch",
-) -> SearchedValues:
-    """Search the parameter values of a problem on the drives to fit, and confirm them in SUMO.
-
-    Args:
-        problem: the problem.
-        settings: the user's options.
-        plan: numbers of runs.
-        seed: of all random numbers.
-        engine: the surrogate; compiled while the logs are fitted.
-        sumo: SUMO.
-        journal: of the runs made.
-        progress: told of each stage.
-        stopwatch: takes the time of each part.
-
-    Raises:
-        AllRunsFailedError: a simulator failed.
-    """
-    first_seed = seed * SEEDS_PER_CALIBRATION
-    with ThreadPoolExecutor(1) as thread:
-        compiled = thread.submit(engine.prepare)  # meanwhile the logs are fitted
-        progress.stage("initial_values")
-        with stopwatch.time("initial_values"):
-            initial = find_initial_point(problem, settings.scaling_factor, settings.bounds, seed)
-            if "logs" in settings.without:
-                initial = without_driver_logs(initial)
-        compiled.result()
-    surrogate = Evaluator(
-        JournaledSurrogate(engine, journal), problem.departs_s("fit"), first_seed + SEARCH_SEED, progress.surrogate_runs
-    )
-    found = search_two_stages(problem, initial, surrogate, settings, plan, seed, progress, journal.clock)
-    for name, wall_s in found.wall_s.items():
-        stopwatch.add(name, wall_s)
-    confirming = Evaluator(
-        sumo,
-        problem.departs_s("fit"),
-        first_seed + CONFIRMATION_SEED,
-        progress.sumo_runs,
-        shares_runs=problem.template.can_share_runs,
-    )
-    with stopwatch.time("confirmation"):
-        confirmation = confirm(
-            found, initial, surrogate, confirming, plan, progress, lambda: stopwatch.start("corrected_search")
-        )
-    return SearchedValues(initial, found, confirmation, surrogate)
-
-
 def surrogate_on_held_out(
     problem: CalibrationProblem,
     engine: JaxSimulator,
@@ -254,30 +162,3 @@ def surrogate_on_held_out(
     evaluator = Evaluator(JournaledSurrogate(engine, journal), departs_s, first_seed + FINAL_SEEDS["held_out"])
     values = initial.space.values_of(confirmation.best[None])
     return evaluator.evaluate(values, evaluator.rounds_of(plan.noise_runs))
-
-
-class Stopwatch:
-    """Adds up the time of each part."""
-
-    def __init__(self, clock: Callable[[], float]) -> None:
-        """Begin with nothing."""
-        self._clock = clock
-        self.wall_s: dict[str, float] = {}
-
-    def add(self, name: str, wall_s: float) -> None:
-        """Add time to a part."""
-        self.wall_s[name] = self.wall_s.get(name, 0.0) + wall_s
-
-    @contextmanager
-    def time(self, name: str) -> Iterator[None]:
-        """Add the time of a block."""
-        stop = self.start(name)
-        try:
-            yield
-        finally:
-            stop()
-
-    def start(self, name: str) -> Callable[[], None]:
-        """Start to time a part; return what is called at its end."""
-        began = self._clock()
-        return lambda: self.add(name, self._clock() - began)

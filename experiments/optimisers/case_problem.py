@@ -13,11 +13,11 @@ from jaxcalib.calibration.objective import Objective
 from jaxcalib.calibration.objective_choice import choose_objective
 from jaxcalib.calibration.search_box import SearchBox, half_width_of, search_box
 from jaxcalib.calibration.search_run import SearchRun
+from jaxcalib.calibration.seeds import FINAL_SEEDS, SEEDS_PER_CALIBRATION
 from jaxcalib.calibration.two_stage import NOISE_OFFSET
 from jaxcalib.case import Role
 from jaxcalib.engines import surrogate_engine
 from jaxcalib.initial_values.initial_point import InitialPoint, find_initial_point
-from jaxcalib.pipeline import FINAL_SEEDS, SEEDS_PER_CALIBRATION
 from jaxcalib.problem import CalibrationProblem
 from jaxcalib.settings import Settings
 from sim_adapters.jax_simulator import JaxSimulator

@@ -25,11 +25,11 @@ from jaxcalib.calibration.objective_choice import choose_objective
 from jaxcalib.calibration.screening import smallest_array
 from jaxcalib.calibration.search_box import half_width_of, search_box
 from jaxcalib.calibration.search_run import SearchRun
+from jaxcalib.calibration.seeds import SEEDS_PER_CALIBRATION
 from jaxcalib.calibration.two_stage import NOISE_OFFSET
 from jaxcalib.engines import prepare_devices, surrogate_engine
 from jaxcalib.initial_values.initial_point import find_initial_point
 from jaxcalib.journal import JournaledSurrogate
-from jaxcalib.pipeline import SEEDS_PER_CALIBRATION
 from jaxcalib.problem import read_problem
 from jaxcalib.provenance import commit, versions
 from jaxcalib.report.drawing import AFTER, svg_grid

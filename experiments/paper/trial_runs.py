@@ -13,24 +13,19 @@ from experiments.paper.trial import TRIAL_FILE, Trial, read_trial, trial_json
 from jaxcalib.calibration.budget import plan_budget
 from jaxcalib.calibration.evaluator import Evaluator
 from jaxcalib.calibration.final_errors import FinalRuns, final_errors, runs_of_role, start_final_runs
+from jaxcalib.calibration.seeds import FINAL_SEEDS, SEARCH_SEED, SEEDS_PER_CALIBRATION
+from jaxcalib.calibration.value_search import plan_calibration, search_values
 from jaxcalib.case import ROLES, Role
 from jaxcalib.engines import sumo_engine, surrogate_engine
 from jaxcalib.initial_values.initial_point import demand_from_logs
 from jaxcalib.journal import JournaledSumo, JournaledSurrogate, write_atomically
 from jaxcalib.parameter_space import parameter_space, round_values
-from jaxcalib.pipeline import (
-    FINAL_SEEDS,
-    SEARCH_SEED,
-    SEEDS_PER_CALIBRATION,
-    Stopwatch,
-    plan_calibration,
-    search_values,
-)
 from jaxcalib.problem import CalibrationProblem, read_problem
 from jaxcalib.progress import Progress
 from jaxcalib.run_folder import RunFolder, identify, open_run_folder
 from jaxcalib.settings import Settings
 from jaxcalib.simulation_health import health_of
+from jaxcalib.stopwatch import Stopwatch
 
 # From the first case of Stage 1 to the values returned (Section 5.3.3); what the logs say before is not counted there.
 CALIBRATION_PARTS = ("stage1", "stage2_exploration", "stage2_optimisation", "confirmation")

@@ -12,11 +12,12 @@ import numpy as np
 
 from jaxcalib.calibration.budget import Budget
 from jaxcalib.calibration.evaluator import AllRunsFailedError, Evaluator
+from jaxcalib.calibration.seeds import SEARCH_SEED, SEEDS_PER_CALIBRATION
 from jaxcalib.calibration.two_stage import search_two_stages
+from jaxcalib.calibration.value_search import SearchedValues
 from jaxcalib.diagnosis.trial_engine import SPARE_CAPACITY
 from jaxcalib.engines import surrogate_engine
 from jaxcalib.journal import Journal, JournaledSurrogate
-from jaxcalib.pipeline import SEARCH_SEED, SEEDS_PER_CALIBRATION, SearchedValues
 from jaxcalib.problem import CalibrationProblem
 from jaxcalib.progress import Progress
 from jaxcalib.settings import Settings

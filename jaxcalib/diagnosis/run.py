@@ -10,6 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from jaxcalib.calibration.budget import plan_budget
+from jaxcalib.calibration.seeds import MOST_SEED, SEEDS_PER_CALIBRATION
+from jaxcalib.calibration.value_search import SearchedValues, search_values
 from jaxcalib.diagnosis.answer import Diagnosis
 from jaxcalib.diagnosis.atlas import EffectTrial, effect_trials
 from jaxcalib.diagnosis.baseline import BaselineMaker
@@ -40,12 +42,12 @@ from jaxcalib.engines import (
     surrogate_engine,
 )
 from jaxcalib.journal import JournaledSumo
-from jaxcalib.pipeline import MOST_SEED, SEEDS_PER_CALIBRATION, SearchedValues, Stopwatch, search_values
 from jaxcalib.problem import CalibrationProblem, drives_to_fit, read_problem
 from jaxcalib.progress import Progress, Silent
 from jaxcalib.run_folder import RunFolder, identify, open_run_folder
 from jaxcalib.seen_range import seen_perception
 from jaxcalib.settings import Settings
+from jaxcalib.stopwatch import Stopwatch
 from sim_adapters.sumo_effects import is_expressible
 from surrogate.effects.registry import EFFECTS
 

@@ -11,12 +11,13 @@ import pytest
 from jaxcalib.calibration.budget import Budget
 from jaxcalib.calibration.confirmation import Confirmation
 from jaxcalib.calibration.evaluator import AllRunsFailedError, Evaluator
+from jaxcalib.calibration.seeds import SEEDS_PER_CALIBRATION
 from jaxcalib.calibration.two_stage import TwoStageResult
+from jaxcalib.calibration.value_search import SearchedValues
 from jaxcalib.diagnosis import recalibration
 from jaxcalib.diagnosis.recalibration import Recalibrator, WithEffects
 from jaxcalib.initial_values.initial_point import InitialPoint
 from jaxcalib.journal import Journal
-from jaxcalib.pipeline import SEEDS_PER_CALIBRATION, SearchedValues
 from jaxcalib.problem import CalibrationProblem
 from jaxcalib.progress import Silent
 from sim_adapters.interface import ParameterLayout, RunOutcome, RunRequest
