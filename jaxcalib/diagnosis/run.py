@@ -258,7 +258,7 @@ def _diagnose(
         verdict=verdict,
         refit=refits.get(verdict.effects[0]) if verdict.effects else None,
         signatures=signatures,
-        atlas=atlas_of(signatures, fitted.null, int(is_fit.sum())),
+        atlas=atlas_of(signatures, fitted.null, int(is_fit.sum()), num_places),
         windows=windows,
         checks=checks,
         runs={"surrogate": num_surrogate, "sumo": num_sumo},
