@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from jaxcalib.calibration.evaluator import in_rounds
 from jaxcalib.calibration.screening import SHORTLIST_RUNS, small_array, smallest_array
 from jaxcalib.engines import expected_vehicles
 from jaxcalib.problem import CalibrationProblem
@@ -71,7 +72,8 @@ def plan_budget(problem: CalibrationProblem, scale: float = 1.0) -> Budget:
     per_candidate = max(FEWEST_RUNS, round(RUNS_PER_CANDIDATE * scale / ratio**SIZE_EXPONENT))
     noise_runs = round((LARGE_NOISE_RUNS if is_large else NOISE_RUNS) * min(max(scale, 0.5), 4.0))
     polish_runs = (2 if is_large else 3) * per_candidate
-    num_fit, num_held_out = len(problem.departs_s("fit")), len(problem.departs_s("held_out"))
+    fit_departs_s = problem.departs_s("fit")
+    num_fit, num_held_out = len(fit_departs_s), len(problem.departs_s("held_out"))
 
     num_seeds = min(FRESH_SEEDS * scale, MOST_FRESH_SEEDS)
     final_runs = num_held_out * max(2, round(num_seeds / max(num_held_out, 1)))
@@ -90,8 +92,8 @@ def plan_budget(problem: CalibrationProblem, scale: float = 1.0) -> Budget:
         confirmation_runs=num_fit if is_large or scale < QUICK else round(1.5 * num_fit),
         final_runs=final_runs,
         final_fit_runs=num_fit,
-        num_surrogate_runs=(cases + population * generations) * per_candidate
-        + 3 * SHORTLISTED * SHORTLIST_RUNS * per_candidate
-        + 2 * (num_parameters + 6) * polish_runs
-        + 9 * noise_runs,
+        num_surrogate_runs=(cases + population * generations) * in_rounds(fit_departs_s, per_candidate)
+        + 3 * SHORTLISTED * SHORTLIST_RUNS * in_rounds(fit_departs_s, per_candidate)
+        + 2 * (num_parameters + 6) * in_rounds(fit_departs_s, polish_runs)
+        + 9 * in_rounds(fit_departs_s, noise_runs),
     )

@@ -69,8 +69,7 @@ class Evaluator:
 
     def rounds_of(self, num_runs: int) -> int:
         """Return a number of runs near the wanted one in which each drive occurs equally often."""
-        per_round = len(self._departs_s)
-        return max(1, round(num_runs / per_round)) * per_round
+        return in_rounds(tuple(self._departs_s), num_runs)
 
     def worth(self, num_runs: int) -> float:
         """Return how many independent runs tell what so many of these do."""
@@ -142,6 +141,12 @@ class AllRunsFailedError(RuntimeError):
         """Keep message and log."""
         super().__init__(message)
         self.log_tail = log_tail
+
+
+def in_rounds(departs_s: tuple[float, ...], num_runs: int) -> int:
+    """Return a number of runs near the wanted one in which each of some departures occurs equally often."""
+    per_round = len(interleaved_departs_s(departs_s))
+    return max(1, round(num_runs / per_round)) * per_round
 
 
 def interleaved_departs_s(departs_s: tuple[float, ...]) -> list[float]:
