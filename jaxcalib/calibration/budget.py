@@ -17,6 +17,9 @@ LARGE_RATIO = 3.0
 FRESH_SEEDS = 12  # for the final errors on held-out drives
 MOST_FRESH_SEEDS = 100
 NOISE_RUNS, LARGE_NOISE_RUNS = 64, 32  # whole batches of two cores; fewer would leave places in them empty
+# Runs behind the covariance of the moments at the point that is searched from: between three and four to a moment.
+# With as many runs as moments, candidates come in another order than under the true covariance (docs/method.md).
+COVARIANCE_RUNS = 192
 SHORTLISTED = 5  # candidates, about
 QUICK = 0.5  # below it SUMO confirms one finalist only
 
@@ -27,7 +30,8 @@ class Budget:
 
     Attributes:
         runs_per_candidate: while screening and in SAGA.
-        noise_runs: to estimate the noise of the measures.
+        noise_runs: to estimate the noise of the measures where the search begins, and to compare its results.
+        covariance_runs: the same where driver behaviour is searched from, for the noise of all moments together.
         polish_runs: per candidate of the joint polish.
         population_size: of SAGA.
         num_generations: of SAGA.
@@ -41,6 +45,7 @@ class Budget:
 
     runs_per_candidate: int
     noise_runs: int
+    covariance_runs: int
     polish_runs: int
     population_size: int
     num_generations: int
@@ -71,6 +76,7 @@ def plan_budget(problem: CalibrationProblem, scale: float = 1.0) -> Budget:
     is_large = ratio > LARGE_RATIO
     per_candidate = max(FEWEST_RUNS, round(RUNS_PER_CANDIDATE * scale / ratio**SIZE_EXPONENT))
     noise_runs = round((LARGE_NOISE_RUNS if is_large else NOISE_RUNS) * min(max(scale, 0.5), 4.0))
+    covariance_runs = max(noise_runs, round(COVARIANCE_RUNS * min(scale / QUICK, 1.0)))
     polish_runs = (2 if is_large else 3) * per_candidate
     fit_departs_s = problem.departs_s("fit")
     num_fit, num_held_out = len(fit_departs_s), len(problem.departs_s("held_out"))
@@ -84,6 +90,7 @@ def plan_budget(problem: CalibrationProblem, scale: float = 1.0) -> Budget:
     return Budget(
         runs_per_candidate=per_candidate,
         noise_runs=noise_runs,
+        covariance_runs=covariance_runs,
         polish_runs=polish_runs,
         population_size=population,
         num_generations=generations,
@@ -95,5 +102,6 @@ def plan_budget(problem: CalibrationProblem, scale: float = 1.0) -> Budget:
         num_surrogate_runs=(cases + population * generations) * in_rounds(fit_departs_s, per_candidate)
         + 3 * SHORTLISTED * SHORTLIST_RUNS * in_rounds(fit_departs_s, per_candidate)
         + 2 * (num_parameters + 6) * in_rounds(fit_departs_s, polish_runs)
-        + 9 * in_rounds(fit_departs_s, noise_runs),
+        + 8 * in_rounds(fit_departs_s, noise_runs)
+        + in_rounds(fit_departs_s, covariance_runs),
     )

@@ -101,13 +101,13 @@ def search_two_stages(
     half_width = half_width_of(initial.unit_error)
     num_runs = evaluator.rounds_of(budget.runs_per_candidate)
 
-    def objective_at(unit: Float[np.ndarray, " parameter"]) -> Objective:
-        noise_runs = evaluator.rounds_of(budget.noise_runs)
-        runs = evaluator.evaluate(space.values_of(unit[None]), noise_runs, NOISE_OFFSET).tally[0]
+    def objective_at(unit: Float[np.ndarray, " parameter"], noise_runs: int) -> Objective:
+        values, rounds = space.values_of(unit[None]), evaluator.rounds_of(noise_runs)
+        runs = evaluator.evaluate(values, rounds, NOISE_OFFSET).tally[0]
         return choose_objective(problem, settings, evidence, runs[np.isfinite(runs).all(axis=1)])
 
     progress.stage(STAGE_1)
-    objective = objective_at(start)
+    objective = objective_at(start, budget.noise_runs)
     course: list[CourseEntry] = []
     flow_run = SearchRun(evaluator, space, objective.of_level(Level.TRAFFIC), course)
     inputs_box = search_box(start, everything[:num_inputs], half_width)
@@ -130,7 +130,7 @@ def search_two_stages(
 
     progress.stage(OPTIMISATION)
     progress.best(exploration.best_accuracy)
-    run = run.with_objective(objective_at(exploration.best))
+    run = run.with_objective(objective_at(exploration.best, budget.covariance_runs))
     critical = _critical(exploration, num_critical)
     held = _hold(exploration, stage_1.best, critical)
     critical_box = search_box(held, critical, half_width)

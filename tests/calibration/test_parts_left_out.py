@@ -16,12 +16,14 @@ from jaxcalib.initial_values.initial_point import InitialPoint, without_driver_l
 from jaxcalib.progress import Silent
 from jaxcalib.settings import Settings
 
-BUDGET = Budget(4, 8, 8, 6, 2, 1, 1, 2, 2, 2, 100)
+BUDGET = Budget(4, 8, 12, 8, 6, 2, 1, 1, 2, 2, 2, 100)
 START = SPACE.values_of(np.full((1, 3), 0.5))[0]
 
 
-def search(monkeypatch: pytest.MonkeyPatch, *without: Any) -> tuple[two_stage.TwoStageResult, Evaluator]:
-    monkeypatch.setattr(two_stage, "choose_objective", lambda *arguments: toy_objective())
+def search(
+    monkeypatch: pytest.MonkeyPatch, *without: Any, choose: Any = lambda *arguments: toy_objective()
+) -> tuple[two_stage.TwoStageResult, Evaluator]:
+    monkeypatch.setattr(two_stage, "choose_objective", choose)
     monkeypatch.setattr(two_stage, "evidence_of", lambda initial: independent_evidence(np.full(3, 0.5), np.ones(3)))
     problem: Any = SimpleNamespace(layout=LAYOUT)
     initial: Any = SimpleNamespace(space=SPACE, values=START, unit_error=np.full(3, np.inf))
@@ -43,6 +45,17 @@ def test_parts_left_out_make_no_runs_and_hand_on_where_they_would_have_begun(mon
     assert not neither.saga.rounds
     np.testing.assert_array_equal(neither.stage_1.best, whole.stage_1.best)
     assert all_runs.num_runs > fewer.num_runs > fewest.num_runs
+
+
+def test_stage_2_is_judged_by_a_covariance_from_runs_of_its_own_number(monkeypatch: pytest.MonkeyPatch):
+    num_runs = []
+
+    def objective(problem: Any, settings: Any, evidence: Any, runs: np.ndarray) -> Any:
+        num_runs.append(len(runs))
+        return toy_objective()
+
+    search(monkeypatch, choose=objective)
+    assert num_runs == [BUDGET.noise_runs, BUDGET.covariance_runs]
 
 
 def test_without_logs_drivers_begin_at_the_scenario_and_are_not_known():
