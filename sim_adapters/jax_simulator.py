@@ -236,7 +236,10 @@ def _round_up(capacity: float) -> int:
 
 
 def usual_runs_per_device(capacity: int) -> int:
-    """Return a power of 2; small batches waste less when few runs are asked for."""
+    """Return a power of 2; small batches waste less when few runs are asked for.
+
+    A road that fills more places than a batch should have gets the least.
+    """
     places, least, most = ON_PROCESSORS if on_processors() else ON_ACCELERATORS
-    runs = 1 << max(0, places // capacity).bit_length() - 1
+    runs = 1 << max(1, places // capacity).bit_length() - 1
     return min(max(runs, least), most)

@@ -8,8 +8,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from sim_adapters import jax_simulator
 from sim_adapters.interface import RunOutcome, RunRequest, Status
-from sim_adapters.jax_simulator import JaxSimulator
+from sim_adapters.jax_simulator import JaxSimulator, usual_runs_per_device
 from sim_adapters.world_builder import WorldTemplate
 from surrogate.perception import PerceptionFrame, Sensor
 from surrogate.world import Clock
@@ -235,3 +236,11 @@ def test_all_of_this_takes_one_compiled_program(simulator: JaxSimulator, outcome
     assert all(outcome.status is Status.OK for outcome in outcomes.values())
     assert simulator.capacity == 192  # rounded up, not grown
     assert simulator.batch == 3 * len(jax.devices())
+
+
+@pytest.mark.parametrize("is_processor", [True, False])
+def test_a_batch_has_runs_whatever_room_a_road_needs(is_processor: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """100,000 vehicles on one road fill more places than a batch of small ones has altogether."""
+    monkeypatch.setattr(jax_simulator, "on_processors", lambda: is_processor)
+    runs = [usual_runs_per_device(capacity) for capacity in (32, 416, 2_112, 16_416, 110_080, 4_000_000)]
+    assert runs == ([16, 16, 4, 4, 4, 4] if is_processor else [4096, 4096, 512, 64, 64, 64])
