@@ -53,7 +53,8 @@ def fidelity(
     leaders
         Recorded leaders of each data set for the parity of car-following.
     runs
-        Runs of each of the 64 parameter sets in both simulators, at least; 0 leaves transfer and insertion out.
+        Runs of each of the 64 parameter sets in both simulators, at least, each drive to fit equally often; 0 leaves
+        transfer and insertion out.
     """
     console = Console()
     sumo = metadata.version("libsumo")
@@ -151,12 +152,12 @@ def _transfer(console: Console, tables: Tables, problem: CalibrationProblem, run
     array, values = cases_of(problem)
     terminal = Console(stderr=True)
     with Progress(console=terminal, disable=not terminal.is_terminal) as bar:
-        task = bar.add_task(f"{array.name} in SUMO", total=runs * len(values))
-        found = transfer_of(
-            problem, array, *run_cases(problem, values, runs, lambda number: bar.update(task, advance=number))
-        )
+        task = bar.add_task(f"{array.name} in SUMO", total=len(values))
+        ours, theirs = run_cases(problem, values, runs, lambda: bar.update(task, advance=1))
+    found = transfer_of(problem, array, ours, theirs)
     tables["transfer"] = {
         "array": array.name,
+        "runs_per_case": ours.tally.shape[1],
         "num_failed": {"surrogate": found.num_failed[0], "sumo": found.num_failed[1]},
         "measures": [vars(one) for one in found.measures],
         "effects": [vars(one) | {"counts": one.counts} for one in found.effects],

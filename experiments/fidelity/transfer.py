@@ -4,6 +4,7 @@ All cases of an orthogonal array run in both simulators, on the same seeds and d
 is left out, as in a calibration (`jaxcalib.calibration.moments`).
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -112,7 +113,7 @@ def run_cases(
     problem: CalibrationProblem,
     values: Float[np.ndarray, "case parameter"],
     num_runs: int,
-    on_run: Callable[[int], None],
+    on_case: Callable[[], None],
 ) -> tuple[Evaluations, Evaluations]:
     """Run all cases in the surrogate and in SUMO.
 
@@ -120,18 +121,19 @@ def run_cases(
         problem: the problem.
         values: cases.
         num_runs: runs of each, at least.
-        on_run: told of SUMO's runs.
+        on_case: told of each case that SUMO has run.
     """
     departs_s = problem.departs_s("fit")
     surrogate = Evaluator(surrogate_engine(problem, SPARE_CAPACITY), departs_s, 0)
-    rounds = surrogate.rounds_of(num_runs)
-    ours = surrogate.evaluate(values, rounds)
+    one_round = surrogate.rounds_of(1)
+    num_runs = math.ceil(num_runs / one_round) * one_round  # each drive equally often
+    ours = surrogate.evaluate(values, num_runs)
     with sumo_engine(problem) as sumo:
         evaluator = Evaluator(sumo, departs_s, 0)
         parts = []
         for row in values:
-            parts.append(evaluator.evaluate(row[None], rounds))
-            on_run(rounds)
+            parts.append(evaluator.evaluate(row[None], num_runs))
+            on_case()
     theirs = Evaluations(
         np.concatenate([part.tally for part in parts]),
         np.concatenate([part.is_ok for part in parts]),
