@@ -53,6 +53,30 @@ class _Between:
         return np.where(row[self.before] == row[self.after], self.linear(values), self.nearest(values))
 
 
+@dataclass(frozen=True)
+class _OnClock:
+    """Where samples lie on the clock: one decision for each, so that no instant is lost or taken twice.
+
+    Attributes:
+        is_on: whether a sample counts as on an instant.
+        first_from: number of the first instant that is not before it.
+        last_until: number of the last instant that is not after it.
+    """
+
+    is_on: np.ndarray
+    first_from: np.ndarray
+    last_until: np.ndarray
+
+    @classmethod
+    def of(cls, time_s: np.ndarray, interval_s: float) -> "_OnClock":
+        nearest = np.round(time_s / interval_s)
+        is_on = np.abs(time_s - nearest * interval_s) <= CLOCK_TOLERANCE_S
+        first_from, last_until = (
+            np.where(is_on, nearest, to_whole(time_s / interval_s)).astype(np.int64) for to_whole in (np.ceil, np.floor)
+        )
+        return cls(is_on, first_from, last_until)
+
+
 def to_even_clock(
     subject: SubjectTable, objects: ObjectTable, episode: np.ndarray, interval_s: float, longest_gap_s: float
 ) -> EvenDrive:
@@ -71,9 +95,9 @@ def to_even_clock(
     """
     steps = np.diff(subject.time_s, prepend=subject.time_s[0])
     found = _between(subject.time_s, np.cumsum(steps > longest_gap_s), interval_s)
-    first = int(np.ceil((subject.time_s[0] - CLOCK_TOLERANCE_S) / interval_s))
-    last = int(np.floor((subject.time_s[-1] + CLOCK_TOLERANCE_S) / interval_s))
-    instants = np.arange(first, last + 1)
+    clock = _OnClock.of(subject.time_s[[0, -1]], interval_s)
+    first = int(clock.first_from[0])
+    instants = np.arange(first, clock.last_until[1] + 1)
     valid = np.isin(instants, found.instant)
     held = np.clip(np.searchsorted(subject.time_s, instants * interval_s), 0, len(subject.time_s) - 1)
     place = found.instant - first
@@ -127,19 +151,18 @@ def _even_objects(
 
 def _between(time_s: np.ndarray, group: np.ndarray, interval_s: float) -> _Between:
     """Return the instants on samples and between neighbouring samples of one group; sorted by group and time."""
-    nearest = np.round(time_s / interval_s).astype(np.int64)
-    on_clock = np.flatnonzero(np.abs(time_s - nearest * interval_s) <= CLOCK_TOLERANCE_S)
+    clock = _OnClock.of(time_s, interval_s)
+    on_clock = np.flatnonzero(clock.is_on)
 
     left = np.flatnonzero(group[1:] == group[:-1])
-    begin = np.floor((time_s[left] + CLOCK_TOLERANCE_S) / interval_s).astype(np.int64) + 1
-    end = np.ceil((time_s[left + 1] - CLOCK_TOLERANCE_S) / interval_s).astype(np.int64) - 1
+    begin, end = clock.last_until[left] + 1, clock.first_from[left + 1] - 1
     count = np.maximum(end - begin + 1, 0)
     before = np.repeat(left, count)
     rank = np.arange(len(before)) - np.repeat(np.cumsum(count) - count, count)
     instant = np.repeat(begin, count) + rank
     share = (instant * interval_s - time_s[before]) / (time_s[before + 1] - time_s[before])
 
-    instant = np.concatenate([nearest[on_clock], instant])
+    instant = np.concatenate([clock.first_from[on_clock], instant])
     before, after = np.concatenate([on_clock, before]), np.concatenate([on_clock, before + 1])
     share = np.concatenate([np.zeros(len(on_clock)), share])
     order = np.lexsort((instant, group[before]))

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from numpy.typing import ArrayLike
 
@@ -153,6 +153,7 @@ def test_instants_are_multiples_of_the_interval(interval_s: float):
     relative=st.floats(-10.0, 10.0),
     interval_s=st.sampled_from([0.1, 0.2, 0.5, 1.0]),
 )
+@example(steps=[0.999, 1.0], start=0.0, speed=1.0, relative=0.0, interval_s=0.1)  # 1 ms and a rounding error off
 def test_a_linear_motion_is_kept_exactly(steps, start, speed, relative, interval_s):
     time_s = start + np.cumsum(steps)
     objects = object_table(np.arange(len(time_s)), 10.0 + relative * (time_s - start), speed_mps=speed + relative)
