@@ -1,4 +1,4 @@
-"""Programs that were compiled once serve all tests, also those in processes of their own."""
+"""What all tests share: programs that were compiled once, and the cores, of which each worker has its own."""
 
 import os
 import shutil
@@ -6,6 +6,7 @@ import tempfile
 
 import pytest
 
+WORKER, NUM_WORKERS = "PYTEST_XDIST_WORKER", "PYTEST_XDIST_WORKER_COUNT"
 FOLDER = "JAX_COMPILATION_CACHE_DIR"
 IS_OURS = FOLDER not in os.environ  # workers inherit the folder of the process that started them
 
@@ -13,6 +14,13 @@ if IS_OURS:  # before JAX is imported, by another conftest perhaps
     os.environ[FOLDER] = tempfile.mkdtemp(prefix="jaxcalib-tests-")
     os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0.2"
     os.environ["JAX_COMPILATION_CACHE_MAX_SIZE"] = str(1 << 30)  # with a limit JAX locks the folder
+
+# Two workers whose surrogates each take all cores wait for one another: a whole diagnosis took 251 s alone and 605 s
+# beside another worker. On cores of their own they do not. Processes that a test starts inherit them.
+if WORKER in os.environ:
+    cores = sorted(os.sched_getaffinity(0))
+    own = cores[int(os.environ[WORKER].removeprefix("gw")) :: int(os.environ[NUM_WORKERS])]
+    os.sched_setaffinity(0, own or cores)
 
 
 def pytest_unconfigure(config: pytest.Config) -> None:
