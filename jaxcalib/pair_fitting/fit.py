@@ -3,14 +3,13 @@
 Every pair and every start is a lane of the same two programs, one for the screen and one with derivatives. These are
 exact, by forward differentiation through the closed loop: a pair has few parameters, so that a tangent for each costs
 less than going back through the drive, and the same tangents give the uncertainty. Tiles of lanes of like length run
-in as many threads as there are cores; after a few steps only the best starts of each pair go on. Long pairs are
-screened, and stepped first, by their beginning alone: where to begin on the whole takes no more.
+in as many threads as there are cores; after a few steps only the best starts of each pair go on.
 """
 
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import jax
 import jax.numpy as jnp
@@ -27,7 +26,6 @@ NUM_SCREENED = 128  # points of the unit cube for each pair
 POINTS_AT_ONCE, PAIRS_AT_ONCE = 32, 64  # of the program that screens
 NUM_STARTS = 4  # of each pair: the best points, and the model's usual values
 LANES = 80  # of the program with derivatives: a step costs nearly as much however few are used, and 128 a third more
-BEGINNING_STEPS = 4096  # of a pair, that starts are chosen by; from the best of half of them some end elsewhere
 FIRST_STEPS = 4
 NUM_KEPT = 1  # of each pair's starts after the first steps; 6 and 2 give the same errors for 1.7 times the work
 LAST_STEPS = 8
@@ -74,15 +72,14 @@ def fit_pairs(
     everyone = np.arange(len(pairs))
     with ThreadPoolExecutor(NUM_THREADS) as threads:
         search = _Search(entry, bounds_of(entry), pairs, threads)
-        beginning = replace(search, pairs=[pair.part(0, BEGINNING_STEPS) for pair in pairs])
         usual = _usual(search)
-        compiled = threads.submit(beginning.evaluator(everyone[:LANES]), usual[:, :LANES])  # while points are screened
-        starts = np.concatenate([usual[:, None], _screened(beginning, seed)], axis=1)
+        compiled = threads.submit(search.evaluator(everyone[:LANES]), usual[:, :LANES])  # while points are screened
+        starts = np.concatenate([usual[:, None], _screened(search, seed)], axis=1)
         compiled.result()
         lanes = np.repeat(everyone, NUM_STARTS)
-        first = beginning.descend(lanes, np.moveaxis(starts, 1, 2).reshape(len(usual), -1), FIRST_STEPS)
+        first = search.descend(lanes, np.moveaxis(starts, 1, 2).reshape(len(usual), -1), FIRST_STEPS)
         best = _best_of_each(lanes, np.asarray(first.found.total), NUM_KEPT)
-        last = search.descend(lanes[best], first.unit[:, best], LAST_STEPS, lambda number: on_pairs(number // NUM_KEPT))
+        last = search.descend(lanes[best], first.take(best), LAST_STEPS, lambda number: on_pairs(number // NUM_KEPT))
         found = last.take(_best_of_each(lanes[best], np.asarray(last.found.total), 1))
     of_lane = [jax.tree.map(lambda leaf, lane=lane: leaf[..., lane], found.found) for lane in everyone]
     return [_judged(pair, search.bounds, found.unit[:, lane], of_lane[lane]) for lane, pair in enumerate(pairs)]
@@ -142,14 +139,16 @@ class _Search:
     def descend(
         self,
         lanes: np.ndarray,
-        start: np.ndarray,
+        start: np.ndarray | Descent,
         num_steps: int,
         on_lanes: Callable[[int], None] = lambda number: None,
     ) -> Descent:
-        """Return where steps lead from points; `lanes` are the pairs."""
+        """Return where steps lead from points, or from where a descent stands; `lanes` are the pairs."""
 
         def of_tile(tile: np.ndarray) -> Descent:
             evaluate = self.evaluator(lanes[tile])
+            if isinstance(start, Descent):
+                return descend(evaluate, start.take(tile), num_steps)
             return descend(evaluate, begin(start[:, tile], evaluate(start[:, tile])), num_steps)
 
         tiles = self._tiles(lanes, LANES)
