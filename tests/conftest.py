@@ -1,8 +1,10 @@
 """What all tests share: programs that were compiled once, and the cores, of which each worker has its own."""
 
+import contextlib
 import os
 import shutil
 import tempfile
+from collections.abc import Callable, Iterator
 
 import pytest
 
@@ -17,10 +19,26 @@ if IS_OURS:  # before JAX is imported, by another conftest perhaps
 
 # Two workers whose surrogates each take all cores wait for one another: a whole diagnosis took 251 s alone and 605 s
 # beside another worker. On cores of their own they do not. Processes that a test starts inherit them.
+ALL_CORES = sorted(os.sched_getaffinity(0))
 if WORKER in os.environ:
-    cores = sorted(os.sched_getaffinity(0))
-    own = cores[int(os.environ[WORKER].removeprefix("gw")) :: int(os.environ[NUM_WORKERS])]
-    os.sched_setaffinity(0, own or cores)
+    own = ALL_CORES[int(os.environ[WORKER].removeprefix("gw")) :: int(os.environ[NUM_WORKERS])]
+    os.sched_setaffinity(0, own or ALL_CORES)
+
+
+@contextlib.contextmanager
+def _on_all_cores() -> Iterator[None]:
+    own = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, ALL_CORES)
+    try:
+        yield
+    finally:
+        os.sched_setaffinity(0, own)
+
+
+@pytest.fixture(scope="session")
+def on_all_cores() -> Callable[[], contextlib.AbstractContextManager[None]]:
+    """Return a context in which a process is started that is to use several devices and workers, as users' do."""
+    return _on_all_cores
 
 
 def pytest_unconfigure(config: pytest.Config) -> None:

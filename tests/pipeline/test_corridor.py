@@ -7,6 +7,8 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
+from contextlib import AbstractContextManager
 from pathlib import Path
 
 import pytest
@@ -28,9 +30,10 @@ def command(out: Path, *more: str) -> list[str]:
 
 
 @pytest.fixture(scope="module")
-def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def out(tmp_path_factory: pytest.TempPathFactory, on_all_cores: Callable[[], AbstractContextManager[None]]) -> Path:
     folder = tmp_path_factory.mktemp("corridor") / "run"
-    done = subprocess.run(command(folder), capture_output=True, text=True, timeout=LONGEST_S, check=False)
+    with on_all_cores():
+        done = subprocess.run(command(folder), capture_output=True, text=True, timeout=LONGEST_S, check=False)
     assert done.returncode == 0, done.stderr[-3000:]
     return folder
 
@@ -76,7 +79,9 @@ def test_report_is_one_file_without_scripts(out: Path):
     )
 
 
-def test_a_run_that_was_killed_gives_the_result_it_would_have_given(out: Path, result: dict, tmp_path: Path):
+def test_a_run_that_was_killed_gives_the_result_it_would_have_given(
+    out: Path, result: dict, tmp_path: Path, on_all_cores: Callable[[], AbstractContextManager[None]]
+):
     """It begins with most of a whole run's journal, so that few runs are repeated: killed within the search."""
     folder = tmp_path / "run"
     shutil.copytree(out, folder, ignore=shutil.ignore_patterns("result.json", "report.html", "scenario"))
@@ -85,7 +90,8 @@ def test_a_run_that_was_killed_gives_the_result_it_would_have_given(out: Path, r
     for part in missing:
         part.unlink()
     num_kept = len(parts) - len(missing)
-    process = subprocess.Popen(command(folder, "--resume"), stderr=subprocess.DEVNULL, start_new_session=True)
+    with on_all_cores():
+        process = subprocess.Popen(command(folder, "--resume"), stderr=subprocess.DEVNULL, start_new_session=True)
     deadline = time.monotonic() + LONGEST_S
     while len(list((folder / "journal").glob("part-*.npz"))) <= num_kept:
         assert process.poll() is None, "it ended before it could be killed"
@@ -94,7 +100,10 @@ def test_a_run_that_was_killed_gives_the_result_it_would_have_given(out: Path, r
     os.killpg(process.pid, signal.SIGKILL)
     process.wait()
     assert not (folder / "result.json").exists()
-    done = subprocess.run(command(folder, "--resume"), capture_output=True, text=True, timeout=LONGEST_S, check=False)
+    with on_all_cores():
+        done = subprocess.run(
+            command(folder, "--resume"), capture_output=True, text=True, timeout=LONGEST_S, check=False
+        )
     assert done.returncode == 0, done.stderr[-3000:]
     again = json.loads((folder / "result.json").read_text())
     for times in TIMES:

@@ -43,7 +43,7 @@ def surrogate(short_problem: CalibrationProblem) -> Simulator:
 
 @pytest.fixture(scope="module")
 def sumo(short_problem: CalibrationProblem) -> Iterator[Simulator]:
-    with sumo_engine(short_problem) as simulator:
+    with sumo_engine(short_problem, num_processes=2) as simulator:
         yield simulator
 
 
