@@ -53,8 +53,8 @@ def fidelity(
     leaders
         Recorded leaders of each data set for the parity of car-following.
     runs
-        Runs of each of the 64 parameter sets in both simulators, at least, each drive to fit equally often; 0 leaves
-        transfer and insertion out.
+        Runs of each of the 64 parameter sets in SUMO, at least, each drive to fit equally often; the surrogate makes
+        four times as many. 0 leaves transfer and insertion out.
     """
     console = Console()
     sumo = metadata.version("libsumo")
@@ -157,7 +157,7 @@ def _transfer(console: Console, tables: Tables, problem: CalibrationProblem, run
     found = transfer_of(problem, array, ours, theirs)
     tables["transfer"] = {
         "array": array.name,
-        "runs_per_case": ours.tally.shape[1],
+        "runs_per_case": {"surrogate": ours.tally.shape[1], "sumo": theirs.tally.shape[1]},
         "num_failed": {"surrogate": found.num_failed[0], "sumo": found.num_failed[1]},
         "measures": [vars(one) for one in found.measures],
         "effects": [vars(one) | {"counts": one.counts} for one in found.effects],
