@@ -2,7 +2,10 @@
 
 Who must change follows the leader in the target lane, or overtakes him if there is time; and he asks the follower to
 open a gap, if that can work in the time left, or else lets him pass. Source: `MSLCM_LC2013::informLeader` and
-`informFollower` (semi-implicit Euler branch).
+`informFollower` (semi-implicit Euler branch), and what SUMO 1.28 was seen to do beyond its older sources: a follower
+who could stand within a second is asked for no more than the speed behind a gap that is 0.1 m shorter. (6,500 requests
+on `corridor`: 98 in 100 of the followers' next accelerations are met to 0.05 m/s², 86 without that rule, which lets
+slow followers creep up until nobody can merge.)
 """
 
 import equinox as eqx
@@ -24,6 +27,7 @@ CUT_IN_LEFT_SPEED_MPS = 27.0
 MAX_ON_RAMP_LENGTH_M = 200.0
 CONGESTED_BELOW_MPS = 60.0 / 3.6
 CONGESTED_LIMIT_BELOW_MPS = 60.1 / 3.6
+CREEPING_MARGIN_M = 0.1
 NO_ADVICE = jnp.inf
 
 
@@ -185,6 +189,9 @@ def _deal_with_follower(
     needed_m = secure_m(in_one_second, planned)
     first = jnp.maximum(next_step, follow_mps(gap_m + step_s * planned))
     just_enough = jnp.maximum(next_step, follow_mps(gap_m + step_s * (planned - first)))
+    # whoever could stand within that second must not creep into the gap
+    keeps_clear = jnp.maximum(next_step, follow_mps(gap_m - CREEPING_MARGIN_M))
+    just_enough = jnp.where(in_one_second > 0.0, just_enough, jnp.minimum(just_enough, keeps_clear))
     helps_now = (gap_then_m > 0.0) & (gap_then_m >= needed_m)
     helps_eventually = (difference > 0.0) & (difference * remaining_s > needed_m - gap_then_m + 0.1)
     # else let him pass, perhaps a little slower so that those behind him can help

@@ -188,3 +188,15 @@ def test_lanes_beside_one_another_are_so_from_both_sides(template: WorldTemplate
         row, segment = np.nonzero(there >= 0)
         assert len(row) > 0
         np.testing.assert_array_equal(back[there[row, segment], segment], row)
+
+
+def test_whoever_needs_two_changes_stops_in_time_to_make_the_second(template: WorldTemplate) -> None:
+    """As SUMO does: 20 m before the end of the lane."""
+    road = template.road
+    offset, stop_m = np.asarray(road.best_lane_offset), np.asarray(road.stop_position_m)
+    must_leave = np.isfinite(stop_m)
+    one, more = must_leave & (np.abs(offset) == 1), must_leave & (np.abs(offset) > 1)
+    ends = np.unique(stop_m[one & (offset < 0)])  # the diverge, seen from the lane beside the exit's
+    assert len(ends) == 1
+    assert more.any()
+    np.testing.assert_allclose(stop_m[more], ends[0] - 20.0)
