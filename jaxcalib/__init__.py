@@ -7,11 +7,11 @@ result = jaxcalib.calibrate("CASE", "RUN")
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from jaxcalib.diagnosis.answer import Diagnosis
+    from jaxcalib.calibration.pipeline import calibrate
+    from jaxcalib.calibration.result.result import CalibrationResult
+    from jaxcalib.diagnosis.answer.answer import Diagnosis
     from jaxcalib.diagnosis.run import diagnose
     from jaxcalib.errors import CaseError
-    from jaxcalib.pipeline import calibrate
-    from jaxcalib.result import CalibrationResult
     from jaxcalib.sweeps.sweep import SweepResult, sweep
     from jaxcalib.validation.result import ValidationResult
     from jaxcalib.validation.validate import validate
@@ -29,12 +29,12 @@ __all__ = [
 ]
 
 _HOME = {
-    "CalibrationResult": "jaxcalib.result",
+    "CalibrationResult": "jaxcalib.calibration.result.result",
     "CaseError": "jaxcalib.errors",
-    "Diagnosis": "jaxcalib.diagnosis.answer",
+    "Diagnosis": "jaxcalib.diagnosis.answer.answer",
     "SweepResult": "jaxcalib.sweeps.sweep",
     "ValidationResult": "jaxcalib.validation.result",
-    "calibrate": "jaxcalib.pipeline",
+    "calibrate": "jaxcalib.calibration.pipeline",
     "diagnose": "jaxcalib.diagnosis.run",
     "sweep": "jaxcalib.sweeps.sweep",
     "validate": "jaxcalib.validation.validate",

@@ -1,6 +1,6 @@
 """`python -m jaxcalib` is `jaxcalib`."""
 
-from jaxcalib.cli import main
+from jaxcalib.cli.app import main
 
 if __name__ == "__main__":
     main()

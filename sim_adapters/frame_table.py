@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from surrogate.perception import NO_TRACK, PerceptionFrame
+from surrogate.road.perception import NO_TRACK, PerceptionFrame
 
 PLACES_STEP = 32  # places for objects grow in steps, so that few array shapes occur
 

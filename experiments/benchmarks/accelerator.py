@@ -18,7 +18,7 @@ from cyclopts import App, Parameter
 from cyclopts.validators import Number
 
 from experiments.benchmarks.throughput import CASE, SPARE_CAPACITY, bytes_per_vehicle, parameter_sets
-from jaxcalib.problem import read_problem
+from jaxcalib.problem.problem import read_problem
 from jaxcalib.sweeps.local_engines import RoomySurrogate
 from sim_adapters.interface import RunRequest
 

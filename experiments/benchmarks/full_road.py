@@ -10,18 +10,18 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxcalib.engines import DECISION_INTERVAL_S, OBJECTS_PER_ROW
-from jaxcalib.problem import FRAME_INTERVAL_S, CalibrationProblem
-from sim_adapters.jax_simulator import usual_runs_per_device
-from sim_adapters.world_builder import WorldTemplate
-from surrogate.course import RunPlan, RunRecord
-from surrogate.materialise import compiler_options
-from surrogate.perception import Sensor
-from surrogate.road import Road
-from surrogate.simulate import observe_batch
-from surrogate.step import initial_state
-from surrogate.traffic_state import TrafficState, with_changes
-from surrogate.world import Clock
+from jaxcalib.problem.engines import DECISION_INTERVAL_S, OBJECTS_PER_ROW
+from jaxcalib.problem.problem import FRAME_INTERVAL_S, CalibrationProblem
+from sim_adapters.jax.simulator import usual_runs_per_device
+from sim_adapters.world.world_builder import WorldTemplate
+from surrogate.loop.course import RunPlan, RunRecord
+from surrogate.loop.simulate import observe_batch
+from surrogate.loop.step import initial_state
+from surrogate.loop.world import Clock
+from surrogate.road.perception import Sensor
+from surrogate.road.road import Road
+from surrogate.road.traffic_state import TrafficState, with_changes
+from surrogate.xla.materialise import compiler_options
 
 SPACING_M = 40.0  # 25 veh/km and lane: dense but free
 SPEED_MPS = 22.0

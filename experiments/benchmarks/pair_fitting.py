@@ -19,7 +19,7 @@ from jaxcalib.pair_fitting.batch import bounds_of, misfit, pair_batch
 from jaxcalib.pair_fitting.fit import fit_pairs, mixed_errors
 from jaxcalib.pair_fitting.recorded_pairs import RecordedPair, read_pairs
 from surrogate.car_following.registry import car_following_model
-from surrogate.model_entry import ModelEntry
+from surrogate.vehicle.model_entry import ModelEntry
 
 DATA_SETS = ("openacc_astazero", "openacc_zalazone", "ngsim_i80_human_pairs")
 SHORTEST = 256  # steps; arrays have a power of 2 times that, so that one program serves many pairs

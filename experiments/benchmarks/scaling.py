@@ -18,8 +18,8 @@ from cyclopts.validators import Number
 
 from experiments.benchmarks.full_road import measure_road
 from experiments.benchmarks.throughput import CASE, SPARE_CAPACITY, parameter_sets
-from jaxcalib.engines import prepare_devices, surrogate_engine
-from jaxcalib.problem import CalibrationProblem, read_problem
+from jaxcalib.problem.engines import prepare_devices, surrogate_engine
+from jaxcalib.problem.problem import CalibrationProblem, read_problem
 from sim_adapters.interface import RunRequest
 
 DEPART_S = 61.0  # long before the case's drives: short runs, so that thousands fit into minutes

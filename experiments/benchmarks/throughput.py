@@ -19,11 +19,11 @@ from cyclopts import App, Parameter
 from cyclopts.validators import Number
 from scipy.stats.qmc import Sobol
 
-from jaxcalib.engines import prepare_devices, sumo_engine, surrogate_engine
-from jaxcalib.parameter_space import parameter_space, round_values
-from jaxcalib.problem import CalibrationProblem, read_problem
+from jaxcalib.problem.engines import prepare_devices, sumo_engine, surrogate_engine
+from jaxcalib.problem.parameter_space import parameter_space, round_values
+from jaxcalib.problem.problem import CalibrationProblem, read_problem
 from sim_adapters.interface import RunOutcome, RunRequest, Simulator
-from sim_adapters.jax_simulator import JaxSimulator
+from sim_adapters.jax.simulator import JaxSimulator
 
 SPARE_CAPACITY = 2.0  # sets around the scenario's values can be much denser than the field
 SPREAD = 0.1  # of the parameter sets, relative, to each side of the scenario's values

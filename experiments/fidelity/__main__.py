@@ -21,8 +21,8 @@ from experiments.fidelity.parity import MOST_DIFFERENCE_M, SUMO_MODELS, parity_t
 from experiments.fidelity.roc_figure import write_roc_figure
 from experiments.fidelity.timed_change import timed_change_table
 from experiments.fidelity.transfer import Transfer, cases_of, run_cases, transfer_of
-from jaxcalib.engines import prepare_devices
-from jaxcalib.problem import CalibrationProblem, read_problem
+from jaxcalib.problem.engines import prepare_devices
+from jaxcalib.problem.problem import CalibrationProblem, read_problem
 
 Tables = dict[str, object]
 CASE = Path(__file__).parents[1] / "cases" / "corridor"

@@ -9,10 +9,10 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from experiments.fidelity.platoon import LENGTH_M, STEP_S, Platoon, in_sumo, in_surrogate
-from sim_adapters.sumo_names import attribute_values, vehicle_class
-from surrogate.car_following.base import CarFollowingModel, FollowingSituation
+from sim_adapters.scenario.sumo_names import attribute_values, vehicle_class
 from surrogate.car_following.registry import CAR_FOLLOWING_MODELS
-from surrogate.vehicle_limits import limited_acceleration, next_speed_mps
+from surrogate.vehicle.car_following_model import CarFollowingModel, FollowingSituation
+from surrogate.vehicle.vehicle_limits import limited_acceleration, next_speed_mps
 
 DESIRED_MPS = 30.0
 NUM_VEHICLES = 20

@@ -17,15 +17,15 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from experiments.fidelity.recorded_decisions import RecordedDecisions, situations
-from sim_adapters.sumo_names import attribute_values, vehicle_class
+from sim_adapters.scenario.sumo_names import attribute_values, vehicle_class
 from surrogate.car_following.registry import car_following_model
-from surrogate.lane_change.base import LaneChangeModel, Side
 from surrogate.lane_change.gap_acceptance import Ego, Following, blocked
 from surrogate.lane_change.lc2013 import Lc2013
 from surrogate.lane_change.mobil import Appraisal, Mobil, OldFollower, appraise
 from surrogate.lane_change.registry import lane_change_model
 from surrogate.lane_change.vissim import Vissim
-from surrogate.vehicle_class import VehicleClass
+from surrogate.vehicle.lane_change_model import LaneChangeModel, Side
+from surrogate.vehicle.vehicle_class import VehicleClass
 
 STEP_S = 0.1
 NUM_LEVELS = 400

@@ -18,14 +18,14 @@ from cyclopts.validators import Number
 from jaxtyping import Array, Float
 
 from experiments.benchmarks.throughput import CASE
-from jaxcalib.calibration.moments import Moments, all_moments
-from jaxcalib.engines import DECISION_INTERVAL_S, OBJECTS_PER_ROW, expected_vehicles
-from jaxcalib.problem import FRAME_INTERVAL_S, CalibrationProblem, read_problem
-from surrogate.course import RunPlan
-from surrogate.materialise import compiler_options
-from surrogate.perception import Sensor
-from surrogate.simulate import observe_batch
-from surrogate.world import Clock
+from jaxcalib.calibration.objective.moments import Moments, all_moments
+from jaxcalib.problem.engines import DECISION_INTERVAL_S, OBJECTS_PER_ROW, expected_vehicles
+from jaxcalib.problem.problem import FRAME_INTERVAL_S, CalibrationProblem, read_problem
+from surrogate.loop.course import RunPlan
+from surrogate.loop.simulate import observe_batch
+from surrogate.loop.world import Clock
+from surrogate.road.perception import Sensor
+from surrogate.xla.materialise import compiler_options
 
 RUNS_PER_BATCH = 16
 DEPART_S, DRIVE_S = 151.0, 250.0  # the road is filled as far as the subject vehicle by then

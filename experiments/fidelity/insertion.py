@@ -5,10 +5,10 @@ from typing import Any
 import numpy as np
 
 from experiments.fidelity.transfer import SPARE_CAPACITY
-from jaxcalib.calibration.evaluator import Evaluator
-from jaxcalib.engines import sumo_engine, surrogate_engine
-from jaxcalib.parameter_space import round_values
-from jaxcalib.problem import CalibrationProblem
+from jaxcalib.calibration.stages.evaluator import Evaluator
+from jaxcalib.problem.engines import sumo_engine, surrogate_engine
+from jaxcalib.problem.parameter_space import round_values
+from jaxcalib.problem.problem import CalibrationProblem
 
 SHARES = (0.6, 0.75, 0.9, 1.0, 1.1, 1.2, 1.3)  # of each input's capacity
 NUM_RUNS = 8

@@ -12,9 +12,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from sim_adapters.sumo_names import attribute_values, vehicle_class
-from surrogate.car_following.base import CarFollowingModel
-from surrogate.replay import ReplayStart, replay
+from sim_adapters.scenario.sumo_names import attribute_values, vehicle_class
+from surrogate.car_following.replay import ReplayStart, replay
+from surrogate.vehicle.car_following_model import CarFollowingModel
 
 STEP_S = 0.1
 LENGTH_M = 5.0

@@ -8,9 +8,9 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Bool, Float
 
-from surrogate.lane_change.base import RouteNeed, Side
 from surrogate.lane_change.gap_acceptance import Ego, Following
-from surrogate.vehicle_class import CarFollowingMix, VehicleClass
+from surrogate.vehicle.lane_change_model import RouteNeed, Side
+from surrogate.vehicle.vehicle_class import CarFollowingMix, VehicleClass
 
 TABLE = Path("freeway", "ngsim_lane_change_gaps.csv.gz")
 LENGTH_M = 5.0  # the table has no lengths; median of the vehicles of NGSIM US-101, and SUMO's default

@@ -13,15 +13,15 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 
-from sim_adapters.sumo_names import attribute_values, vehicle_class
-from surrogate.kinematics import move
-from surrogate.lane_change.base import LEFT, STAY, LaneChangeDecision, Reason
+from sim_adapters.scenario.sumo_names import attribute_values, vehicle_class
 from surrogate.lane_change.cooperation import NO_ADVICE
 from surrogate.lane_change.manoeuvre import ChangeTiming, after_reorder, change_timing, idle_manoeuvres, with_duration
-from surrogate.neighbours import entry_ahead, leader_at, own_leader
-from surrogate.reorder import Moves, new_order, rearrange
-from surrogate.traffic_state import VehicleArrays, empty_vehicles, with_changes
-from surrogate.vehicle_class import VehicleClass
+from surrogate.loop.kinematics import move
+from surrogate.road.neighbours import entry_ahead, leader_at, own_leader
+from surrogate.road.reorder import Moves, new_order, rearrange
+from surrogate.road.traffic_state import VehicleArrays, empty_vehicles, with_changes
+from surrogate.vehicle.lane_change_model import LEFT, STAY, LaneChangeDecision, Reason
+from surrogate.vehicle.vehicle_class import VehicleClass
 
 STEP_S = 0.1
 NUM_STEPS = 80

@@ -2,7 +2,7 @@
 
 All cases of an orthogonal array run in both simulators, on the same departures; SUMO's runs have the first of the
 surrogate's seeds. The surrogate runs more often, which costs little: what is left of its own noise would pass for its
-error. What depends on single steps is left out, as in a calibration (`jaxcalib.calibration.moments`).
+error. What depends on single steps is left out, as in a calibration (`jaxcalib.calibration.objective.moments`).
 """
 
 import math
@@ -13,11 +13,11 @@ import numpy as np
 from jaxtyping import Float
 from scipy.stats import spearmanr
 
-from jaxcalib.calibration.evaluator import Evaluations, Evaluator
-from jaxcalib.calibration.moments import FEWEST_OBSERVATIONS, Moments, all_moments
-from jaxcalib.engines import sumo_engine, surrogate_engine
-from jaxcalib.parameter_space import round_values
-from jaxcalib.problem import CalibrationProblem
+from jaxcalib.calibration.objective.moments import FEWEST_OBSERVATIONS, Moments, all_moments
+from jaxcalib.calibration.stages.evaluator import Evaluations, Evaluator
+from jaxcalib.problem.engines import sumo_engine, surrogate_engine
+from jaxcalib.problem.parameter_space import round_values
+from jaxcalib.problem.problem import CalibrationProblem
 from jaxcalib.search.orthogonal_array import OrthogonalArray, orthogonal_array
 
 INPUT_SPREAD = 0.2

@@ -21,11 +21,11 @@ from experiments.optimisers.known_functions import FUNCTIONS, NOISE, FunctionPro
 from experiments.optimisers.ranking import all_rank_tables, summary_table
 from experiments.optimisers.registry import OPTIMISERS, chosen_optimisers
 from experiments.optimisers.study_folder import open_study, write_table
-from jaxcalib.engines import prepare_devices
+from jaxcalib.cli.guarded import guarded
 from jaxcalib.errors import CaseError
-from jaxcalib.guarded import guarded
-from jaxcalib.problem import read_problem
-from jaxcalib.run_folder import identify
+from jaxcalib.problem.engines import prepare_devices
+from jaxcalib.problem.problem import read_problem
+from jaxcalib.runs.run_folder import identify
 
 MOST_TIMED_SHARE = 20  # times the evaluations of the other part: an end for searches whose candidates cost nothing
 app = App(name="experiments.optimisers", help="Which optimiser finds the best parameters.")

@@ -6,21 +6,21 @@ import numpy as np
 from jaxtyping import Float
 
 from experiments.optimisers.interface import Told
-from jaxcalib.calibration.budget import plan_budget
-from jaxcalib.calibration.evaluator import Evaluator
-from jaxcalib.calibration.evidence import evidence_of
-from jaxcalib.calibration.objective import Objective
-from jaxcalib.calibration.objective_choice import choose_objective
-from jaxcalib.calibration.search_box import SearchBox, half_width_of, search_box
-from jaxcalib.calibration.search_run import SearchRun
-from jaxcalib.calibration.seeds import FINAL_SEEDS, SEEDS_PER_CALIBRATION
-from jaxcalib.calibration.two_stage import NOISE_OFFSET
-from jaxcalib.case import Role
-from jaxcalib.engines import surrogate_engine
+from jaxcalib.calibration.objective.evidence import evidence_of
+from jaxcalib.calibration.objective.objective import Objective
+from jaxcalib.calibration.objective.objective_choice import choose_objective
+from jaxcalib.calibration.stages.budget import plan_budget
+from jaxcalib.calibration.stages.evaluator import Evaluator
+from jaxcalib.calibration.stages.search_box import SearchBox, half_width_of, search_box
+from jaxcalib.calibration.stages.search_run import SearchRun
+from jaxcalib.calibration.stages.two_stage import NOISE_OFFSET
+from jaxcalib.case.case import Role
 from jaxcalib.initial_values.initial_point import InitialPoint, find_initial_point
-from jaxcalib.problem import CalibrationProblem
-from jaxcalib.settings import Settings
-from sim_adapters.jax_simulator import JaxSimulator
+from jaxcalib.problem.engines import surrogate_engine
+from jaxcalib.problem.problem import CalibrationProblem
+from jaxcalib.problem.settings import Settings
+from jaxcalib.runs.seeds import FINAL_SEEDS, SEEDS_PER_CALIBRATION
+from sim_adapters.jax.simulator import JaxSimulator
 
 Points = Float[np.ndarray, "candidate parameter"]
 

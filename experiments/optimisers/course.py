@@ -12,7 +12,7 @@ from jaxtyping import Float
 
 from experiments.optimisers.interface import Optimiser, Setting, Told
 from jaxcalib.errors import CaseError
-from jaxcalib.journal import write_atomically
+from jaxcalib.runs.journal import write_atomically
 
 CHECKPOINT_SHARES = (0.125, 0.25, 0.5, 1.0)  # of the budget
 

@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
 
-from jaxcalib.report.drawing import STYLE
+from jaxcalib.html.drawing import STYLE
 
 COLUMNS = 3
 MARKERS = "osD^vP*X<>hpd"

@@ -11,9 +11,9 @@ from cyclopts.validators import Number
 
 from experiments.paper.methods import ABLATIONS, IMPROVED, METHODS
 from experiments.paper.patterns import DEMANDS
+from jaxcalib.cli.guarded import guarded
 from jaxcalib.errors import CaseError
-from jaxcalib.guarded import guarded
-from jaxcalib.settings import read_settings
+from jaxcalib.problem.settings import read_settings
 
 Count = Annotated[int, Parameter(validator=Number(gte=1, lte=100))]
 Factor = Annotated[float, Parameter(validator=Number(gte=0.05, lte=100.0))]
@@ -159,7 +159,7 @@ def _study(
 ) -> int:
     from experiments.paper.report import write_report
     from experiments.paper.study import StudyPlan, run_study
-    from jaxcalib.terminal import TerminalProgress
+    from jaxcalib.cli.terminal import TerminalProgress
 
     def work() -> str:
         for name in methods:

@@ -9,7 +9,7 @@ import pandas as pd
 from experiments.paper.methods import IMPROVED, LABELS, NO_CALIBRATION, PRINTED, STATE_OF_THE_ART
 from experiments.paper.similarity import chance_at_least, chance_similarity, pair_shares
 from experiments.paper.trial import Trial
-from jaxcalib.calibration.accuracy import MEASURE_OF, VEHICLE_LEVEL_SUM
+from jaxcalib.calibration.objective.accuracy import MEASURE_OF, VEHICLE_LEVEL_SUM
 
 FEWEST_PAIRS = 3  # for an interval
 NUM_DRAWS = 2000

@@ -6,12 +6,12 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from jaxcalib.map_matching import lane_centre_m
-from jaxcalib.problem import CalibrationProblem
-from jaxcalib.route_geometry import RouteGeometry, build_route_geometry
+from jaxcalib.field.map_matching import lane_centre_m
+from jaxcalib.field.route_geometry import RouteGeometry, build_route_geometry
+from jaxcalib.problem.problem import CalibrationProblem
 from sim_adapters.interface import RunRequest
-from sim_adapters.sumo_simulator import SensorRange, SumoSimulator
-from sim_adapters.sumo_worker import SumoRun
+from sim_adapters.sumo.job import SumoRun
+from sim_adapters.sumo.simulator import SensorRange, SumoSimulator
 from sim_adapters.units import SECONDS_PER_HOUR
 
 KMH_PER_MPS = SECONDS_PER_HOUR / 1000.0

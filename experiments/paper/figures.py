@@ -9,8 +9,8 @@ from experiments.paper.comparison import chance_of, critical_sets, mean_errors, 
 from experiments.paper.methods import IMPROVED, LABELS, NO_CALIBRATION, PRINTED, STATE_OF_THE_ART
 from experiments.paper.similarity import similarity_matrix
 from experiments.paper.trial import Trial
-from jaxcalib.calibration.accuracy import MEASURE_OF, TRAFFIC_LEVEL, VEHICLE_LEVEL
-from jaxcalib.report.drawing import AFTER, BEFORE, NOISE, svg, svg_grid
+from jaxcalib.calibration.objective.accuracy import MEASURE_OF, TRAFFIC_LEVEL, VEHICLE_LEVEL
+from jaxcalib.html.drawing import AFTER, BEFORE, NOISE, svg, svg_grid
 
 COLORS = {NO_CALIBRATION: "#9a9a9a", STATE_OF_THE_ART: BEFORE, PRINTED: "#8fb8de", IMPROVED: AFTER}
 PANEL_LETTERS = "abcdefghi"

@@ -19,23 +19,23 @@ from SALib.sample import sobol as sobol_design
 from scipy.stats import rankdata
 
 from experiments.paper.similarity import chance_similarity, similarity_index
-from jaxcalib.calibration.evaluator import Evaluator
-from jaxcalib.calibration.evidence import evidence_of
-from jaxcalib.calibration.objective_choice import choose_objective
-from jaxcalib.calibration.screening import smallest_array
-from jaxcalib.calibration.search_box import half_width_of, search_box
-from jaxcalib.calibration.search_run import SearchRun
-from jaxcalib.calibration.seeds import SEEDS_PER_CALIBRATION
-from jaxcalib.calibration.two_stage import NOISE_OFFSET
-from jaxcalib.engines import prepare_devices, surrogate_engine
+from jaxcalib.calibration.objective.evidence import evidence_of
+from jaxcalib.calibration.objective.objective_choice import choose_objective
+from jaxcalib.calibration.stages.evaluator import Evaluator
+from jaxcalib.calibration.stages.screening import smallest_array
+from jaxcalib.calibration.stages.search_box import half_width_of, search_box
+from jaxcalib.calibration.stages.search_run import SearchRun
+from jaxcalib.calibration.stages.two_stage import NOISE_OFFSET
+from jaxcalib.html.drawing import AFTER, svg_grid
 from jaxcalib.initial_values.initial_point import find_initial_point
-from jaxcalib.journal import JournaledSurrogate
-from jaxcalib.problem import read_problem
-from jaxcalib.provenance import commit, versions
-from jaxcalib.report.drawing import AFTER, svg_grid
-from jaxcalib.run_folder import identify, open_run_folder
+from jaxcalib.problem.engines import prepare_devices, surrogate_engine
+from jaxcalib.problem.problem import read_problem
+from jaxcalib.problem.settings import Settings
+from jaxcalib.runs.journal import JournaledSurrogate
+from jaxcalib.runs.provenance import commit, versions
+from jaxcalib.runs.run_folder import identify, open_run_folder
+from jaxcalib.runs.seeds import SEEDS_PER_CALIBRATION
 from jaxcalib.search import analyse_ranges
-from jaxcalib.settings import Settings
 
 MORRIS_LEVELS = 4
 NOISE_RUNS = 64

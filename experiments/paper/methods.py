@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import msgspec
 
-from jaxcalib.settings import Settings
+from jaxcalib.problem.settings import Settings
 
 NO_CALIBRATION, STATE_OF_THE_ART, PRINTED, IMPROVED = "no_calibration", "state_of_the_art", "printed", "improved"
 METHODS = (NO_CALIBRATION, STATE_OF_THE_ART, PRINTED, IMPROVED)

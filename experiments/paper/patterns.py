@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 
 from experiments.paper.drive_writer import write_drives
-from jaxcalib.case import Drive
-from jaxcalib.case_file import FILE_NAME
+from jaxcalib.case.case import Drive
+from jaxcalib.case.case_file import FILE_NAME
 from jaxcalib.errors import CaseError
-from jaxcalib.journal import write_atomically
-from jaxcalib.parameter_space import parameter_space, round_values
-from jaxcalib.problem import CalibrationProblem
+from jaxcalib.problem.parameter_space import parameter_space, round_values
+from jaxcalib.problem.problem import CalibrationProblem
+from jaxcalib.runs.journal import write_atomically
 
 OWN_FIELD = 1
 TRUTH_SEED = 2015

@@ -7,10 +7,10 @@ import numpy as np
 from jaxtyping import Float
 
 from experiments.paper import memetic
-from jaxcalib.calibration.evaluator import Evaluator
-from jaxcalib.calibration.moments import Moments, moments_of
-from jaxcalib.parameter_space import ParameterSpace
-from jaxcalib.problem import CalibrationProblem
+from jaxcalib.calibration.objective.moments import Moments, moments_of
+from jaxcalib.calibration.stages.evaluator import Evaluator
+from jaxcalib.problem.parameter_space import ParameterSpace
+from jaxcalib.problem.problem import CalibrationProblem
 
 ROUND_OFFSET = 1_000  # of the seeds: each round has its own, so that nobody wins by luck for long
 SHORTLIST_OFFSET = 500_000

@@ -13,15 +13,15 @@ from experiments.paper.methods import METHODS
 from experiments.paper.patterns import DEMANDS, prepare_pattern
 from experiments.paper.trial import TRIAL_FILE, Trial, read_trial, table_of
 from experiments.paper.trial_runs import run_trial
-from jaxcalib.calibration.evaluator import AllRunsFailedError
-from jaxcalib.engines import prepare_devices
+from jaxcalib.calibration.stages.evaluator import AllRunsFailedError
 from jaxcalib.errors import CaseError
-from jaxcalib.journal import write_atomically
-from jaxcalib.problem import read_problem
-from jaxcalib.progress import Progress
-from jaxcalib.provenance import commit, versions
-from jaxcalib.run_folder import identify, open_run_folder
-from jaxcalib.settings import Settings
+from jaxcalib.problem.engines import prepare_devices
+from jaxcalib.problem.problem import read_problem
+from jaxcalib.problem.settings import Settings
+from jaxcalib.runs.journal import write_atomically
+from jaxcalib.runs.progress import Progress
+from jaxcalib.runs.provenance import commit, versions
+from jaxcalib.runs.run_folder import identify, open_run_folder
 
 STUDY_FILE, TABLE = "study.json", "trials"
 FIRST_SEED = 1  # a calibration's seed; each trial of a pattern and repetition has one, the same for all methods

@@ -7,7 +7,7 @@ import msgspec
 import numpy as np
 import pandas as pd
 
-from jaxcalib.calibration.accuracy import MEASURE_OF
+from jaxcalib.calibration.objective.accuracy import MEASURE_OF
 from jaxcalib.errors import CaseError
 
 FORMAT = 1

@@ -10,22 +10,22 @@ import numpy as np
 from experiments.paper import state_of_the_art
 from experiments.paper.methods import NO_CALIBRATION, STATE_OF_THE_ART, settings_of
 from experiments.paper.trial import TRIAL_FILE, Trial, read_trial, trial_json
-from jaxcalib.calibration.budget import plan_budget
-from jaxcalib.calibration.evaluator import Evaluator
-from jaxcalib.calibration.final_errors import FinalRuns, final_errors, runs_of_role, start_final_runs
-from jaxcalib.calibration.seeds import FINAL_SEEDS, SEARCH_SEED, SEEDS_PER_CALIBRATION
+from jaxcalib.calibration.confirmation.final_errors import FinalRuns, final_errors, runs_of_role, start_final_runs
+from jaxcalib.calibration.result.simulation_health import health_of
+from jaxcalib.calibration.stages.budget import plan_budget
+from jaxcalib.calibration.stages.evaluator import Evaluator
 from jaxcalib.calibration.value_search import plan_calibration, search_values
-from jaxcalib.case import ROLES, Role
-from jaxcalib.engines import sumo_engine, surrogate_engine
+from jaxcalib.case.case import ROLES, Role
 from jaxcalib.initial_values.initial_point import demand_from_logs
-from jaxcalib.journal import JournaledSumo, JournaledSurrogate, write_atomically
-from jaxcalib.parameter_space import parameter_space, round_values
-from jaxcalib.problem import CalibrationProblem, read_problem
-from jaxcalib.progress import Progress
-from jaxcalib.run_folder import RunFolder, identify, open_run_folder
-from jaxcalib.settings import Settings
-from jaxcalib.simulation_health import health_of
-from jaxcalib.stopwatch import Stopwatch
+from jaxcalib.problem.engines import sumo_engine, surrogate_engine
+from jaxcalib.problem.parameter_space import parameter_space, round_values
+from jaxcalib.problem.problem import CalibrationProblem, read_problem
+from jaxcalib.problem.settings import Settings
+from jaxcalib.runs.journal import JournaledSumo, JournaledSurrogate, write_atomically
+from jaxcalib.runs.progress import Progress
+from jaxcalib.runs.run_folder import RunFolder, identify, open_run_folder
+from jaxcalib.runs.seeds import FINAL_SEEDS, SEARCH_SEED, SEEDS_PER_CALIBRATION
+from jaxcalib.runs.stopwatch import Stopwatch
 
 # From the first case of Stage 1 to the values returned (Section 5.3.3); what the logs say before is not counted there.
 CALIBRATION_PARTS = ("stage1", "stage2_exploration", "stage2_optimisation", "confirmation")

@@ -2,15 +2,15 @@
 
 from dataclasses import dataclass, field
 
-from jaxcalib.calibration.budget import Budget
-from jaxcalib.calibration.confirmation import Confirmation
-from jaxcalib.calibration.evaluator import Evaluations
-from jaxcalib.calibration.final_errors import FinalRuns
-from jaxcalib.calibration.two_stage import TwoStageResult
-from jaxcalib.case import Role
+from jaxcalib.calibration.confirmation.confirmation import Confirmation
+from jaxcalib.calibration.confirmation.final_errors import FinalRuns
+from jaxcalib.calibration.stages.budget import Budget
+from jaxcalib.calibration.stages.evaluator import Evaluations
+from jaxcalib.calibration.stages.two_stage import TwoStageResult
+from jaxcalib.case.case import Role
 from jaxcalib.initial_values.initial_point import InitialPoint
-from jaxcalib.problem import CalibrationProblem
-from jaxcalib.settings import Settings
+from jaxcalib.problem.problem import CalibrationProblem
+from jaxcalib.problem.settings import Settings
 
 
 @dataclass

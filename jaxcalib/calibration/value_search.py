@@ -5,18 +5,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from jaxcalib.calibration.budget import Budget, plan_budget
-from jaxcalib.calibration.confirmation import Confirmation, confirm
-from jaxcalib.calibration.evaluator import Evaluator
-from jaxcalib.calibration.seeds import CONFIRMATION_SEED, SEARCH_SEED, SEEDS_PER_CALIBRATION
-from jaxcalib.calibration.two_stage import TwoStageResult, search_two_stages
+from jaxcalib.calibration.confirmation.confirmation import Confirmation, confirm
+from jaxcalib.calibration.stages.budget import Budget, plan_budget
+from jaxcalib.calibration.stages.evaluator import Evaluator
+from jaxcalib.calibration.stages.two_stage import TwoStageResult, search_two_stages
 from jaxcalib.initial_values.initial_point import InitialPoint, find_initial_point, without_driver_logs
-from jaxcalib.journal import Journal, JournaledSumo, JournaledSurrogate
-from jaxcalib.problem import CalibrationProblem
-from jaxcalib.progress import Progress
-from jaxcalib.settings import Settings
-from jaxcalib.stopwatch import Stopwatch
-from sim_adapters.jax_simulator import JaxSimulator
+from jaxcalib.problem.problem import CalibrationProblem
+from jaxcalib.problem.settings import Settings
+from jaxcalib.runs.journal import Journal, JournaledSumo, JournaledSurrogate
+from jaxcalib.runs.progress import Progress
+from jaxcalib.runs.seeds import CONFIRMATION_SEED, SEARCH_SEED, SEEDS_PER_CALIBRATION
+from jaxcalib.runs.stopwatch import Stopwatch
+from sim_adapters.jax.simulator import JaxSimulator
 
 
 def plan_calibration(problem: CalibrationProblem, settings: Settings, scale: float) -> Budget:

@@ -9,46 +9,46 @@ from pathlib import Path
 
 import numpy as np
 
-from jaxcalib.calibration.budget import plan_budget
-from jaxcalib.calibration.seeds import MOST_SEED, SEEDS_PER_CALIBRATION
+from jaxcalib.calibration.stages.budget import plan_budget
 from jaxcalib.calibration.value_search import SearchedValues, search_values
-from jaxcalib.diagnosis.answer import Diagnosis
-from jaxcalib.diagnosis.atlas import EffectTrial, effect_trials
-from jaxcalib.diagnosis.baseline import BaselineMaker
-from jaxcalib.diagnosis.conclusion import conclude, refuse
-from jaxcalib.diagnosis.contest import Contest, best_gain, without_needless_unknown
-from jaxcalib.diagnosis.drive_table import drive_table
-from jaxcalib.diagnosis.evidence import most_misfit
-from jaxcalib.diagnosis.explained_runs import ExplainedRunner
-from jaxcalib.diagnosis.features import DriveTallies
-from jaxcalib.diagnosis.findings import Findings
-from jaxcalib.diagnosis.investigation import NotTestableError, all_signatures, prepare, shift_in_errors
-from jaxcalib.diagnosis.local_search import windows_of_effects
-from jaxcalib.diagnosis.null_runs import fine_interval_s, num_runs_for
-from jaxcalib.diagnosis.place_search import refine_places
-from jaxcalib.diagnosis.plan import plan_diagnosis
-from jaxcalib.diagnosis.recalibration import Recalibrator
-from jaxcalib.diagnosis.refit import MOST_SUMO_POINTS, OTHERS_SUMO_POINTS, Refit, refit
-from jaxcalib.diagnosis.refitted_contest import contenders, with_refits
-from jaxcalib.diagnosis.remarks import FEW_DRIVES, aliased_effects
-from jaxcalib.diagnosis.stages import Stages
-from jaxcalib.diagnosis.sumo_check import Check, check_in_sumo
-from jaxcalib.diagnosis.trials import Trial
-from jaxcalib.diagnosis.verdict import LEAST_EVIDENCE, judge
-from jaxcalib.diagnosis.visibility import atlas_of
-from jaxcalib.engines import (
+from jaxcalib.diagnosis.answer.answer import Diagnosis
+from jaxcalib.diagnosis.answer.conclusion import conclude, refuse
+from jaxcalib.diagnosis.answer.findings import Findings
+from jaxcalib.diagnosis.answer.remarks import FEW_DRIVES, aliased_effects
+from jaxcalib.diagnosis.features.drive_table import drive_table
+from jaxcalib.diagnosis.features.features import DriveTallies
+from jaxcalib.diagnosis.inference.atlas import EffectTrial, effect_trials
+from jaxcalib.diagnosis.inference.baseline import BaselineMaker
+from jaxcalib.diagnosis.inference.contest import Contest, best_gain, without_needless_unknown
+from jaxcalib.diagnosis.inference.evidence import most_misfit
+from jaxcalib.diagnosis.inference.investigation import NotTestableError, all_signatures, prepare, shift_in_errors
+from jaxcalib.diagnosis.inference.local_search import windows_of_effects
+from jaxcalib.diagnosis.inference.place_search import refine_places
+from jaxcalib.diagnosis.inference.refit import MOST_SUMO_POINTS, OTHERS_SUMO_POINTS, Refit, refit
+from jaxcalib.diagnosis.inference.refitted_contest import contenders, with_refits
+from jaxcalib.diagnosis.inference.sumo_check import Check, check_in_sumo
+from jaxcalib.diagnosis.inference.verdict import LEAST_EVIDENCE, judge
+from jaxcalib.diagnosis.inference.visibility import atlas_of
+from jaxcalib.diagnosis.runs.explained_runs import ExplainedRunner
+from jaxcalib.diagnosis.runs.null_runs import fine_interval_s, num_runs_for
+from jaxcalib.diagnosis.runs.plan import plan_diagnosis
+from jaxcalib.diagnosis.runs.recalibration import Recalibrator
+from jaxcalib.diagnosis.runs.stages import Stages
+from jaxcalib.diagnosis.runs.trials import Trial
+from jaxcalib.field.seen_range import seen_perception
+from jaxcalib.problem.engines import (
     prepare_devices,
     sumo_engine,
     surrogate_engine,
 )
-from jaxcalib.journal import JournaledSumo
-from jaxcalib.problem import CalibrationProblem, drives_to_fit, read_problem
-from jaxcalib.progress import Progress, Silent
-from jaxcalib.run_folder import RunFolder, identify, open_run_folder
-from jaxcalib.seen_range import seen_perception
-from jaxcalib.settings import Settings
-from jaxcalib.stopwatch import Stopwatch
-from sim_adapters.sumo_effects import is_expressible
+from jaxcalib.problem.problem import CalibrationProblem, drives_to_fit, read_problem
+from jaxcalib.problem.settings import Settings
+from jaxcalib.runs.journal import JournaledSumo
+from jaxcalib.runs.progress import Progress, Silent
+from jaxcalib.runs.run_folder import RunFolder, identify, open_run_folder
+from jaxcalib.runs.seeds import MOST_SEED, SEEDS_PER_CALIBRATION
+from jaxcalib.runs.stopwatch import Stopwatch
+from sim_adapters.scenario.sumo_effects import is_expressible
 from surrogate.effects.registry import EFFECTS
 
 RECALIBRATION_SCALE = 0.5  # of the calibration's numbers of runs; the last step is taken on all features anyway
@@ -267,7 +267,7 @@ def _diagnose(
     progress.stage("report")
     diagnosis = conclude(findings)
     run_folder.write_text("diagnosis.json", diagnosis.to_json())
-    from jaxcalib.diagnosis.report import report_html
+    from jaxcalib.diagnosis.answer.report import report_html
 
     run_folder.write_text("diagnosis.html", report_html(findings, diagnosis))
     return diagnosis

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 import jax.numpy as jnp
 import numpy as np
 
-from jaxcalib.field_log import DriveLog
+from jaxcalib.field.field_log import DriveLog
 from jaxcalib.initial_values.acceptance_edge import acceptance_edge
 from jaxcalib.initial_values.dense_tracks import NOBODY, DenseTracks, dense_tracks
-from surrogate.car_following.base import CarFollowingModel
+from surrogate.vehicle.car_following_model import CarFollowingModel
 
 FEWEST_CHANGES = 20
 LEAST_LOGARITHMIC_ERROR = 0.05  # 14 fields simulated in SUMO from known values: 4 % too high at the median

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from jaxcalib.measures.observed_road import ObservedRoad
-from sim_adapters.scenario import Scenario
+from sim_adapters.scenario.scenario import Scenario
 from sim_adapters.units import SECONDS_PER_HOUR
-from sim_adapters.world_builder import WorldTemplate
+from sim_adapters.world.world_builder import WorldTemplate
 
 SCENARIO_TRUST = 0.15  # relative standard deviation of the true inflows around the scenario's, beyond a common factor
 COMMON_TRUST = 0.5  # of the common factor

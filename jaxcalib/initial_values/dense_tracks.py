@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jaxcalib.field_log import DriveLog
+from jaxcalib.field.field_log import DriveLog
 
 NOBODY = -1
 

@@ -6,14 +6,14 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Array
 
-from jaxcalib.field_log import DriveLog
+from jaxcalib.field.field_log import DriveLog
 from jaxcalib.initial_values.accepted_gaps import accepted_gaps, assertiveness
 from jaxcalib.initial_values.following_fit import FollowingFit, fit_following, loss_of_pairs
 from jaxcalib.initial_values.following_samples import FollowingSamples, following_samples
-from jaxcalib.parameter_space import ParameterSpace
-from sim_adapters.scenario import Scenario
-from sim_adapters.sumo_names import following_attributes, vehicle_class, with_attribute
-from surrogate.car_following.base import CarFollowingModel
+from jaxcalib.problem.parameter_space import ParameterSpace
+from sim_adapters.scenario.scenario import Scenario
+from sim_adapters.scenario.sumo_names import following_attributes, vehicle_class, with_attribute
+from surrogate.vehicle.car_following_model import CarFollowingModel
 
 MOST_SAMPLES = 100_000
 FEWEST_SAMPLES = 2_000

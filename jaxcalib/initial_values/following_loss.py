@@ -9,8 +9,8 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from jaxcalib.initial_values.following_samples import FollowingSamples
-from surrogate.car_following.base import CarFollowingModel
-from surrogate.replay import ReplayStart, replay
+from surrogate.car_following.replay import ReplayStart, replay
+from surrogate.vehicle.car_following_model import CarFollowingModel
 
 CHANGE_BORDERS_MPS2 = (0.06, 0.15, 0.3, 0.6, 1.2)
 GREATEST_BALANCE = 100.0

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jaxcalib.field_log import DriveLog
+from jaxcalib.field.field_log import DriveLog
 from jaxcalib.initial_values.dense_tracks import DenseTracks, dense_tracks
 
 QUIET_AFTER_CHANGE_S = 1.0  # neither follower nor leader changed lane for so long: lane changing adapts speeds as well

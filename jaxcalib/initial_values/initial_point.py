@@ -7,8 +7,8 @@ import numpy as np
 
 from jaxcalib.initial_values.demand_profile import DemandEstimate, estimate_demand
 from jaxcalib.initial_values.driver_values import DriverEstimate, estimate_drivers
-from jaxcalib.parameter_space import ParameterSpace, parameter_space, round_values
-from jaxcalib.problem import CalibrationProblem
+from jaxcalib.problem.parameter_space import ParameterSpace, parameter_space, round_values
+from jaxcalib.problem.problem import CalibrationProblem
 from sim_adapters.units import SECONDS_PER_HOUR
 
 LEAST_VOLUME_ERROR = 0.03  # relative, of a section's volume: vehicles between two sections are counted in neither

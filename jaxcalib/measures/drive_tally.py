@@ -13,8 +13,8 @@ from jaxcalib.measures.fold import Fold
 from jaxcalib.measures.lane_change import LaneChange
 from jaxcalib.measures.scene import MeasureSettings, Memory, look, nothing_remembered, remember
 from jaxcalib.measures.traffic_flow import SubjectTravel, TrafficFlow
-from surrogate.materialise import materialise
-from surrogate.perception import PerceptionFrame
+from surrogate.road.perception import PerceptionFrame
+from surrogate.xla.materialise import materialise
 
 
 class DriveState(eqx.Module):

@@ -5,8 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from sim_adapters.road_builder import RowMap
-from sim_adapters.scenario import Scenario
+from sim_adapters.scenario.road_builder import RowMap
+from sim_adapters.scenario.scenario import Scenario
 
 LONGEST_SECTION_M = 800.0
 SHORTEST_SECTION_M = 300.0

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from jaxcalib.measures.observed_road import ObservedRoad
-from surrogate.perception import PerceptionFrame
+from surrogate.road.perception import PerceptionFrame
 
 SUBJECT_SLOT = 0  # of the track table; track n is in slot n + 1
 

@@ -4,7 +4,7 @@ import jax
 import numpy as np
 
 from jaxcalib.measures.drive_tally import DriveTally
-from surrogate.perception import PerceptionFrame
+from surrogate.road.perception import PerceptionFrame
 
 
 class WholeDriveFold:

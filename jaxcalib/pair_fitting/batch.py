@@ -15,9 +15,9 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from jaxcalib.pair_fitting.recorded_pairs import STEP_S, RecordedPair
-from surrogate.materialise import materialise
-from surrogate.model_entry import ModelEntry
-from surrogate.replay import LeaderMotion, ReplayState, after_speed, follow
+from surrogate.car_following.replay import LeaderMotion, ReplayState, after_speed, follow
+from surrogate.vehicle.model_entry import ModelEntry
+from surrogate.xla.materialise import materialise
 
 DESIRED_SPEED = "desired_speed_mps"
 SLOWEST_DESIRED_MPS, FASTEST_DESIRED_MPS = 3.0, 45.0
@@ -100,7 +100,7 @@ def pair_batch(
 
     weights = []
     for pair in pairs:
-        gap = np.maximum(pair.gap_m, SMALLEST_GAP_M)
+        gap = recorded_gap_m(pair)
         weights.append(1.0 / (gap * gap.mean()) / len(pair))
     leader_mps = padded((pair.leader_mps for pair in pairs), "edge")
     acceleration_mps2 = padded((np.append(0.0, np.diff(pair.leader_mps) / STEP_S) for pair in pairs), "constant")
@@ -112,20 +112,33 @@ def pair_batch(
         at = slice(begin, begin + piece_steps)
         pieces.append(
             Piece(
-                leader_mps=jnp.asarray(leader_mps[at]),
-                leader_acceleration_mps2=jnp.asarray(acceleration_mps2[at]),
-                leader_advance_m=jnp.asarray(advance_m[at]),
-                gap_m=jnp.asarray(gap_m[at]),
-                weight=jnp.asarray(weight[at]),
-                num_steps=jnp.asarray(min(piece_steps, longest - begin), jnp.int32),
+                leader_mps=single(leader_mps[at]),
+                leader_acceleration_mps2=single(acceleration_mps2[at]),
+                leader_advance_m=single(advance_m[at]),
+                gap_m=single(gap_m[at]),
+                weight=single(weight[at]),
+                num_steps=jax.device_put(np.int32(min(piece_steps, longest - begin))),
             )
         )
-    speed = np.asarray([pair.follower_mps[0] for pair in pairs], np.float32)
-    gap = np.asarray([pair.gap_m[0] for pair in pairs], np.float32)
+    speed = np.asarray([pair.follower_mps[0] for pair in pairs])
+    gap = np.asarray([pair.gap_m[0] for pair in pairs])
     if lanes is not None:
         speed, gap = speed[lanes], gap[lanes]
-    first = ReplayState(jnp.asarray(speed), jnp.zeros(len(speed), jnp.float32), jnp.asarray(gap))
+    first = ReplayState(single(speed), single(np.zeros_like(speed)), single(gap))
     return PairBatch(first, tuple(pieces))
+
+
+def recorded_gap_m(pair: RecordedPair) -> Float[np.ndarray, " step"]:
+    """Return the gaps that errors are relative to."""
+    return np.maximum(pair.gap_m, SMALLEST_GAP_M)
+
+
+def single(values: np.ndarray) -> Array:
+    """Return values in single precision where programs want them.
+
+    `jnp.asarray` and its like would compile a program for each shape; together they took longer than a search.
+    """
+    return jax.device_put(np.asarray(values, np.float32))
 
 
 class Bounds(eqx.Module):
@@ -143,7 +156,7 @@ def bounds_of(entry: ModelEntry) -> Bounds:
     """Return the ranges of a model."""
     lower = [one.lower for one in entry.parameters] + [SLOWEST_DESIRED_MPS]
     upper = [one.upper for one in entry.parameters] + [FASTEST_DESIRED_MPS]
-    return Bounds(jnp.asarray(lower, jnp.float32), jnp.asarray(upper, jnp.float32))
+    return Bounds(single(np.asarray(lower)), single(np.asarray(upper)))
 
 
 def misfit(
@@ -154,8 +167,8 @@ def misfit(
     The follower begins where the recorded one does and then sees only its leader and its own past (closed loop).
     """
     shape = units.shape[1:]
-    state = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, shape), batch.first)
-    total = jnp.zeros(shape, units.dtype)
+    state = jax.tree.map(lambda leaf: jax.device_put(np.broadcast_to(np.asarray(leaf), shape)), batch.first)
+    total = jax.device_put(np.zeros(shape, units.dtype))
     for piece in batch.pieces:
         state, total = _misfit_of_piece(entry, bounds, units, piece, (state, total))
     return total
@@ -166,9 +179,9 @@ def misfit_and_slopes(
 ) -> Misfit:
     """Return the misfit of each pair with its exact derivatives, by forward differentiation along the closed loop."""
     num_parameters, num_pairs = unit.shape
-    nothing, flat = jnp.zeros(num_pairs, unit.dtype), jnp.zeros_like(unit)
-    product = jnp.zeros((num_parameters, num_parameters, num_pairs), unit.dtype)
-    found = Misfit(nothing, flat, product, nothing, jnp.full_like(nothing, jnp.inf))
+    nothing, flat = jax.device_put((np.zeros(num_pairs, unit.dtype), np.zeros(unit.shape, unit.dtype)))
+    product = jax.device_put(np.zeros((num_parameters, *unit.shape), unit.dtype))
+    found = Misfit(nothing, flat, product, nothing, jax.device_put(np.full(num_pairs, np.inf, unit.dtype)))
     carry = batch.first, ReplayState(flat, flat, flat), nothing, found
     for piece in batch.pieces:
         carry = _slopes_of_piece(entry, bounds, unit, piece, carry)

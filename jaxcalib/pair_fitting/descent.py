@@ -14,6 +14,7 @@ from jaxcalib.pair_fitting.batch import Misfit
 
 FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-2, 1e-6, 1e6
 DAMPING_DOWN, DAMPING_UP = 0.2, 5.0
+DAMPING_FACTORS = (1.0, 0.1, 0.01, 10.0)  # tried side by side, as many as there is room for
 
 
 class Descent(eqx.Module):
@@ -40,21 +41,31 @@ def begin(unit: Float[np.ndarray, "parameter problem"], found: Misfit) -> Descen
     return Descent(unit, found, np.full(unit.shape[1], FIRST_DAMPING))
 
 
-def descend(evaluate: Callable[[np.ndarray], Misfit], now: Descent, num_steps: int) -> Descent:
+def descend(evaluate: Callable[[np.ndarray], Misfit], now: Descent, num_steps: int, num_dampings: int = 1) -> Descent:
     """Return where a number of steps leads.
 
     Args:
-        evaluate: from points, [parameter, problem], to their misfits.
+        evaluate: from points, [parameter, point], to their misfits; the points are those of the problems with the first
+            damping, then with the second, and so on.
         now: where to begin.
         num_steps: how often to evaluate.
+        num_dampings: how many dampings each step tries; the best point counts.
     """
+    num_problems = now.unit.shape[1]
+    problem = np.arange(num_problems)
+    factors = np.asarray(DAMPING_FACTORS[:num_dampings])
     for _ in range(num_steps):
-        there = np.clip(now.unit + np.nan_to_num(_step(now)), 0.0, 1.0)
-        later = evaluate(there)
-        is_better = later.total < now.found.total  # false for what is no number
-        damping = np.clip(now.damping * np.where(is_better, DAMPING_DOWN, DAMPING_UP), LEAST_DAMPING, MOST_DAMPING)
-        found = jax.tree.map(lambda new, old, better=is_better: np.where(better, new, old), later, now.found)
-        now = Descent(np.where(is_better, there, now.unit), found, damping)
+        trial = now.take(np.tile(problem, num_dampings))
+        trial = Descent(trial.unit, trial.found, np.outer(factors, now.damping).ravel())
+        there = np.clip(trial.unit + np.nan_to_num(_step(trial)), 0.0, 1.0)
+        tried = Descent(there, evaluate(there), trial.damping)
+        total = np.where(np.isfinite(tried.found.total), tried.found.total, np.inf).reshape(num_dampings, -1)
+        best = tried.take(np.argmin(total, axis=0) * num_problems + problem)
+        is_better = best.found.total < now.found.total  # false for what is no number
+        damping = np.where(is_better, DAMPING_DOWN * best.damping, DAMPING_UP * factors.max() * now.damping)
+        damping = np.clip(damping, LEAST_DAMPING, MOST_DAMPING)
+        found = jax.tree.map(lambda new, old, better=is_better: np.where(better, new, old), best.found, now.found)
+        now = Descent(np.where(is_better, best.unit, now.unit), found, damping)
     return now
 
 

@@ -3,24 +3,25 @@
 Every pair and every start is a lane of the same two programs, one for the screen and one with derivatives. These are
 exact, by forward differentiation through the closed loop: a pair has few parameters, so that a tangent for each costs
 less than going back through the drive, and the same tangents give the uncertainty. Tiles of lanes of like length run
-in as many threads as there are cores; after a few steps only the best starts of each pair go on.
+in as many threads as there are cores; after a few steps only the best starts of each pair go on. The screen looks at
+stretches of long pairs; where lanes are left, the last steps try several dampings side by side.
 """
 
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 from scipy.stats.qmc import Sobol
 
-from jaxcalib.pair_fitting.batch import Bounds, Misfit, bounds_of, misfit, misfit_and_slopes, pair_batch
-from jaxcalib.pair_fitting.descent import Descent, begin, descend
+from jaxcalib.pair_fitting.batch import Bounds, Misfit, bounds_of, misfit, misfit_and_slopes, pair_batch, single
+from jaxcalib.pair_fitting.descent import DAMPING_FACTORS, Descent, begin, descend
 from jaxcalib.pair_fitting.recorded_pairs import RecordedPair
-from surrogate.model_entry import ModelEntry
+from jaxcalib.pair_fitting.stretches import stretches_of
+from surrogate.vehicle.model_entry import ModelEntry
 
 NUM_SCREENED = 128  # points of the unit cube for each pair
 POINTS_AT_ONCE, PAIRS_AT_ONCE = 32, 64  # of the program that screens
@@ -28,7 +29,7 @@ NUM_STARTS = 4  # of each pair: the best points, and the model's usual values
 LANES = 80  # of the program with derivatives: a step costs nearly as much however few are used, and 128 a third more
 FIRST_STEPS = 4
 NUM_KEPT = 1  # of each pair's starts after the first steps; 6 and 2 give the same errors for 1.7 times the work
-LAST_STEPS = 8
+LAST_STEPS, LAST_STEPS_SIDE_BY_SIDE = 8, 5  # the latter where all dampings are tried at once
 NUM_THREADS = len(os.sched_getaffinity(0))
 AT_BOUND = 1e-3  # of the range
 UNKNOWN_ERROR = 0.25  # of the range: a parameter with a larger standard error is not identified
@@ -77,9 +78,9 @@ def fit_pairs(
         starts = np.concatenate([usual[:, None], _screened(search, seed)], axis=1)
         compiled.result()
         lanes = np.repeat(everyone, NUM_STARTS)
-        first = search.descend(lanes, np.moveaxis(starts, 1, 2).reshape(len(usual), -1), FIRST_STEPS)
+        first = search.begin(lanes, np.moveaxis(starts, 1, 2).reshape(len(usual), -1))
         best = _best_of_each(lanes, np.asarray(first.found.total), NUM_KEPT)
-        last = search.descend(lanes[best], first.take(best), LAST_STEPS, lambda number: on_pairs(number // NUM_KEPT))
+        last = search.end(lanes[best], first.take(best), lambda number: on_pairs(number // NUM_KEPT))
         found = last.take(_best_of_each(lanes[best], np.asarray(last.found.total), 1))
     of_lane = [jax.tree.map(lambda leaf, lane=lane: leaf[..., lane], found.found) for lane in everyone]
     return [_judged(pair, search.bounds, found.unit[:, lane], of_lane[lane]) for lane, pair in enumerate(pairs)]
@@ -115,7 +116,7 @@ class _Search:
             lanes = np.pad(np.arange(len(tile)), (0, PAIRS_AT_ONCE - len(tile)), mode="edge")
             batch = pair_batch([self.pairs[index] for index in tile], lanes)
             parts = np.split(units[:, :, tile[lanes]], units.shape[1] // POINTS_AT_ONCE, axis=1)
-            found = [misfit(self.entry, self.bounds, jnp.asarray(part, jnp.float32), batch) for part in parts]
+            found = [misfit(self.entry, self.bounds, single(part), batch) for part in parts]
             return np.concatenate([np.asarray(one, float) for one in found])[:, : len(tile)]
 
         total = np.empty(units.shape[1:])
@@ -131,26 +132,38 @@ class _Search:
 
         def evaluate(unit: np.ndarray) -> Misfit:
             spare = np.pad(unit, ((0, 0), (0, LANES - unit.shape[1])), mode="edge")
-            found = misfit_and_slopes(self.entry, self.bounds, jnp.asarray(spare, jnp.float32), batch)
+            found = misfit_and_slopes(self.entry, self.bounds, single(spare), batch)
             return jax.tree.map(lambda leaf: np.asarray(leaf, float)[..., : unit.shape[1]], found)
 
         return evaluate
 
-    def descend(
-        self,
-        lanes: np.ndarray,
-        start: np.ndarray | Descent,
-        num_steps: int,
-        on_lanes: Callable[[int], None] = lambda number: None,
-    ) -> Descent:
-        """Return where steps lead from points, or from where a descent stands; `lanes` are the pairs."""
+    def begin(self, lanes: np.ndarray, start: Float[np.ndarray, "parameter lane"]) -> Descent:
+        """Return where the first steps lead from points; `lanes` are the pairs."""
 
         def of_tile(tile: np.ndarray) -> Descent:
             evaluate = self.evaluator(lanes[tile])
-            if isinstance(start, Descent):
-                return descend(evaluate, start.take(tile), num_steps)
-            return descend(evaluate, begin(start[:, tile], evaluate(start[:, tile])), num_steps)
+            return descend(evaluate, begin(start[:, tile], evaluate(start[:, tile])), FIRST_STEPS)
 
+        return self._over_tiles(of_tile, lanes)
+
+    def end(self, lanes: np.ndarray, start: Descent, on_lanes: Callable[[int], None]) -> Descent:
+        """Return where the last steps lead from where a descent stands."""
+
+        def of_tile(tile: np.ndarray) -> Descent:
+            if len(DAMPING_FACTORS) * len(tile) > LANES:
+                return descend(self.evaluator(lanes[tile]), start.take(tile), LAST_STEPS)
+            number = len(DAMPING_FACTORS)  # spare lanes cost nothing
+            evaluate = self.evaluator(np.tile(lanes[tile], number))
+            return descend(evaluate, start.take(tile), LAST_STEPS_SIDE_BY_SIDE, number)
+
+        return self._over_tiles(of_tile, lanes, on_lanes)
+
+    def _over_tiles(
+        self,
+        of_tile: Callable[[np.ndarray], Descent],
+        lanes: np.ndarray,
+        on_lanes: Callable[[int], None] = lambda number: None,
+    ) -> Descent:
         tiles = self._tiles(lanes, LANES)
         found = []
         for tile, one in zip(tiles, self.threads.map(of_tile, tiles), strict=True):
@@ -178,10 +191,13 @@ def _usual(search: _Search) -> Float[np.ndarray, "parameter pair"]:
 
 
 def _screened(search: _Search, seed: int) -> Float[np.ndarray, "parameter start pair"]:
-    """Return the best points of a Sobol sequence for each pair."""
+    """Return the best points of a Sobol sequence for each pair, by stretches of it."""
     num_parameters = len(search.bounds.lower)
     cube = Sobol(num_parameters, rng=np.random.default_rng(seed)).random(NUM_SCREENED).T
-    total = search.misfits(np.broadcast_to(cube[:, :, None], (*cube.shape, len(search.pairs))))
+    stretches = stretches_of(search.pairs)
+    on_stretches = replace(search, pairs=stretches.parts)
+    of_parts = on_stretches.misfits(np.broadcast_to(cube[:, :, None], (*cube.shape, len(stretches.parts))))
+    total = stretches.summed(of_parts)
     order = np.argsort(np.where(np.isfinite(total), total, np.inf), axis=0, kind="stable")
     return cube[:, order[: NUM_STARTS - 1]]
 

@@ -12,7 +12,7 @@ import pandas as pd
 from jaxcalib.pair_fitting.batch import DESIRED_SPEED
 from jaxcalib.pair_fitting.fit import PairFit, fit_pairs, mixed_errors
 from jaxcalib.pair_fitting.recorded_pairs import FEWEST_STEPS, RecordedPair
-from surrogate.model_entry import ModelEntry
+from surrogate.vehicle.model_entry import ModelEntry
 
 QUANTILES = (0.1, 0.25, 0.5, 0.75, 0.9)
 

@@ -13,9 +13,9 @@ from typing import Any, cast
 
 from distributed import Client, Future, KilledWorker
 
-from jaxcalib.disk import checked_disk
 from jaxcalib.errors import CaseError, ResourceError
-from jaxcalib.problem import CalibrationProblem
+from jaxcalib.problem.problem import CalibrationProblem
+from jaxcalib.runs.disk import checked_disk
 from jaxcalib.sweeps import cluster_worker
 from jaxcalib.sweeps.local_engines import Done
 from jaxcalib.sweeps.plan import Engine, SweepPlan

@@ -12,15 +12,15 @@ from pathlib import Path
 
 from distributed import get_worker
 
-from jaxcalib.case import read_case
-from jaxcalib.engines import prepare_devices, sumo_engine
+from jaxcalib.case.case import read_case
 from jaxcalib.errors import CaseError
-from jaxcalib.problem import read_problem
-from jaxcalib.run_folder import identify
+from jaxcalib.problem.engines import prepare_devices, sumo_engine
+from jaxcalib.problem.problem import read_problem
+from jaxcalib.runs.run_folder import identify
 from jaxcalib.sweeps.local_engines import RoomySurrogate
 from jaxcalib.sweeps.plan import Engine
 from sim_adapters.interface import RunOutcome, RunRequest
-from sim_adapters.sumo_simulator import SumoSimulator
+from sim_adapters.sumo.simulator import SumoSimulator
 
 _ENGINES: dict[tuple[str, str], RoomySurrogate | SumoSimulator] = {}
 _ONE_AT_A_TIME = threading.Lock()  # an engine uses all cores that the worker has

@@ -5,10 +5,10 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import pyarrow as pa
 
-from jaxcalib.case_file import FILE_NAME
+from jaxcalib.case.case_file import FILE_NAME
 from jaxcalib.errors import CaseError, shorten
 from jaxcalib.measures.measure import Measure
-from jaxcalib.parameter_space import ParameterSpace
+from jaxcalib.problem.parameter_space import ParameterSpace
 from sim_adapters.interface import RunOutcome
 
 UNIT_SUFFIX = {"veh/h": "_vehph", "s": "_s", "m": "_m", "m/s": "_mps", "m/s2": "_mps2"}  # others have none

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from jaxcalib.parameter_space import ParameterSpace
-from jaxcalib.problem import CalibrationProblem
-from jaxcalib.provenance import commit, versions
-from jaxcalib.settings import Settings
+from jaxcalib.problem.parameter_space import ParameterSpace
+from jaxcalib.problem.problem import CalibrationProblem
+from jaxcalib.problem.settings import Settings
+from jaxcalib.runs.provenance import commit, versions
 from jaxcalib.sweeps.columns import parameter_columns
 from jaxcalib.sweeps.plan import SweepPlan
 

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 from matplotlib.axes import Axes
 
-from jaxcalib.report.drawing import AFTER, BEFORE, svg, svg_grid
+from jaxcalib.html.drawing import AFTER, BEFORE, svg, svg_grid
 from jaxcalib.sweeps.influence import CandidateMeans
 
 MOST_POINTS = 2000  # of one plot

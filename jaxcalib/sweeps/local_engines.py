@@ -5,12 +5,12 @@ import time
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Protocol
 
-from jaxcalib.disk import checked_disk
-from jaxcalib.engines import SPARE_CAPACITY, sumo_engine, surrogate_engine
-from jaxcalib.problem import CalibrationProblem
+from jaxcalib.problem.engines import SPARE_CAPACITY, sumo_engine, surrogate_engine
+from jaxcalib.problem.problem import CalibrationProblem
+from jaxcalib.runs.disk import checked_disk
 from jaxcalib.sweeps.plan import Engine, SweepPlan
 from sim_adapters.interface import RunOutcome, RunRequest, Status
-from sim_adapters.jax_simulator import JaxSimulator
+from sim_adapters.jax.simulator import JaxSimulator
 
 CALL_S = 20.0  # about so long does a call last: the longer, the fuller are its batches, and the more is lost by a kill
 FIRST_BATCHES, MOST_BATCHES = 2, 64  # of a call

@@ -8,8 +8,8 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from jaxcalib.disk import writing_to
 from jaxcalib.errors import CaseError
+from jaxcalib.runs.disk import writing_to
 from jaxcalib.sweeps.store import METADATA_KEY, SweepStore
 
 ROW_GROUP = 4096

@@ -6,9 +6,9 @@ import numpy as np
 from jaxtyping import Float
 
 from jaxcalib.errors import CaseError, quote
-from jaxcalib.parameter_space import ParameterSpace, round_values
+from jaxcalib.field.table_files import column_names, read_columns, row_place
+from jaxcalib.problem.parameter_space import ParameterSpace, round_values
 from jaxcalib.sweeps.columns import parameter_columns
-from jaxcalib.table_files import column_names, read_columns, row_place
 
 IGNORED = ("candidate",)  # the tables that sweeps leave behind can be used as designs
 

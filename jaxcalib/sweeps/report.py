@@ -10,11 +10,11 @@ import numpy as np
 import pyarrow.parquet as pq
 from markupsafe import Markup
 
-from jaxcalib.calibration.accuracy import MEASURE_OF
-from jaxcalib.disk import writing_to
-from jaxcalib.journal import write_atomically
-from jaxcalib.problem import CalibrationProblem
-from jaxcalib.report.page import render_page
+from jaxcalib.calibration.objective.accuracy import MEASURE_OF
+from jaxcalib.html.page import render_page
+from jaxcalib.problem.problem import CalibrationProblem
+from jaxcalib.runs.disk import writing_to
+from jaxcalib.runs.journal import write_atomically
 from jaxcalib.sweeps.columns import OBSERVATIONS
 from jaxcalib.sweeps.figures import dependence_figure, influence_figure
 from jaxcalib.sweeps.influence import candidate_means, rank_correlation

@@ -14,10 +14,10 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from filelock import FileLock, Timeout
 
-from jaxcalib.disk import writing_to
 from jaxcalib.errors import CaseError
-from jaxcalib.journal import write_atomically
-from jaxcalib.run_folder import check_identity, read_identity
+from jaxcalib.runs.disk import writing_to
+from jaxcalib.runs.journal import write_atomically
+from jaxcalib.runs.run_folder import check_identity, read_identity
 from jaxcalib.sweeps.plan import Shard
 
 DESCRIPTION_FILE = "_sweep.json"  # readers of Parquet skip names that begin so, and with a dot

@@ -11,21 +11,21 @@ import numpy as np
 import pandas as pd
 import pyarrow.parquet as pq
 
-from jaxcalib.calibration.evaluator import interleaved_departs_s
-from jaxcalib.disk import writing_to
-from jaxcalib.engines import prepare_devices
+from jaxcalib.calibration.stages.evaluator import interleaved_departs_s
 from jaxcalib.errors import CaseError, quote
-from jaxcalib.parameter_space import ParameterSpace, parameter_space, round_values
-from jaxcalib.problem import CalibrationProblem, read_problem
-from jaxcalib.run_folder import identify
-from jaxcalib.settings import Settings, read_settings
+from jaxcalib.problem.engines import prepare_devices
+from jaxcalib.problem.parameter_space import ParameterSpace, parameter_space, round_values
+from jaxcalib.problem.problem import CalibrationProblem, read_problem
+from jaxcalib.problem.settings import Settings, read_settings
+from jaxcalib.runs.disk import writing_to
+from jaxcalib.runs.run_folder import identify
+from jaxcalib.runs.sweep_progress import Silent, SweepProgress
 from jaxcalib.sweeps.columns import rows_of, sweep_schema
 from jaxcalib.sweeps.description import describe, identity_options
 from jaxcalib.sweeps.design import make_design
 from jaxcalib.sweeps.local_engines import BlockEngine, local_engine
 from jaxcalib.sweeps.merge import merge, missing_blocks, remove_blocks, rows_in
 from jaxcalib.sweeps.plan import ENGINES, Engine, Shard, SweepPlan, read_shard
-from jaxcalib.sweeps.progress import Silent, SweepProgress
 from jaxcalib.sweeps.report import report_files, write_report
 from jaxcalib.sweeps.store import SweepStore
 

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from jaxcalib.errors import CaseError, quote
-from jaxcalib.problem import CalibrationProblem
-from jaxcalib.run_folder import IDENTITY_FILE, identify
+from jaxcalib.problem.problem import CalibrationProblem
+from jaxcalib.runs.run_folder import IDENTITY_FILE, identify
 from jaxcalib.validation.criterion import FORMAT
 
 RESULT_FILE = "result.json"

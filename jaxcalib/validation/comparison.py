@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from jaxcalib.calibration.result.result import rounded
 from jaxcalib.measures.measure import Measure
-from jaxcalib.result import rounded
 from jaxcalib.validation.distributions import BORDERS, distances
 from jaxcalib.validation.observer import ObservedDrives
 from jaxcalib.validation.prediction import PROBABILITY, Prediction, exceedance, holm, predict, upper_limit

@@ -8,8 +8,8 @@ import numpy as np
 from jaxtyping import Float
 
 from jaxcalib.errors import CaseError, quote
-from jaxcalib.problem import CalibrationProblem
-from jaxcalib.table_files import Kind, column_names, read_columns, row_place
+from jaxcalib.field.table_files import Kind, column_names, read_columns, row_place
+from jaxcalib.problem.problem import CalibrationProblem
 from jaxcalib.validation.criterion import FHWA_2019, Criterion, not_testable
 from jaxcalib.validation.fhwa_2019 import FEWEST_DAYS, criteria_2019
 from jaxcalib.validation.volumes import Volume, volume_criteria

@@ -4,7 +4,7 @@ import math
 
 import msgspec
 
-from jaxcalib.result import rounded
+from jaxcalib.calibration.result.result import rounded
 
 FORMAT = 1
 OWN = "jaxcalib"

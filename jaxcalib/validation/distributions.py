@@ -5,8 +5,8 @@ from collections.abc import Mapping
 import numpy as np
 from jaxtyping import Float
 
-from jaxcalib.problem import LEAST_SPEED_MPS, LONGEST_HEADWAY_S
-from surrogate.perception import PerceptionFrame
+from jaxcalib.problem.problem import LEAST_SPEED_MPS, LONGEST_HEADWAY_S
+from surrogate.road.perception import PerceptionFrame
 
 BORDERS: Mapping[str, Float[np.ndarray, " border"]] = {
     "subject_speed_mps": np.linspace(0.0, 60.0, 241),

@@ -4,11 +4,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from jaxcalib.calibration.accuracy import VEHICLE_LEVEL_SUM, Effectiveness, noise_floor, vehicle_level_of
-from jaxcalib.calibration.final_errors import FinalRuns, final_errors
-from jaxcalib.case import Role
-from jaxcalib.problem import CalibrationProblem
-from jaxcalib.result import rounded
+from jaxcalib.calibration.confirmation.final_errors import FinalRuns, final_errors
+from jaxcalib.calibration.objective.accuracy import VEHICLE_LEVEL_SUM, Effectiveness, noise_floor, vehicle_level_of
+from jaxcalib.calibration.result.result import rounded
+from jaxcalib.case.case import Role
+from jaxcalib.problem.problem import CalibrationProblem
 from jaxcalib.validation.comparison import Table
 from jaxcalib.validation.observer import ObservedDrives
 from sim_adapters.interface import RunOutcome

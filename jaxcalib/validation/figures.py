@@ -3,7 +3,7 @@
 import numpy as np
 from matplotlib.axes import Axes
 
-from jaxcalib.report.drawing import AFTER, BEFORE, FIELD, NOISE, svg
+from jaxcalib.html.drawing import AFTER, BEFORE, FIELD, NOISE, svg
 from jaxcalib.validation.result import ValidationResult
 
 CLIP = 4.0  # half widths of the interval

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from jaxcalib.calibration.evaluator import MOST_FAILED_SHARE
+from jaxcalib.calibration.stages.evaluator import MOST_FAILED_SHARE
 from jaxcalib.validation.comparison import SIGNIFICANCE, Table
 from jaxcalib.validation.criterion import FHWA_2004, FHWA_2019, OWN, Criterion, at_least, at_most, not_testable
 from jaxcalib.validation.prediction import holm

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from jaxcalib.problem import CalibrationProblem
+from jaxcalib.problem.problem import CalibrationProblem
 from jaxcalib.validation.distributions import BORDERS, NUM_COUNTS, histograms
 from jaxcalib.validation.trajectories import NOT_PASSED, passing_times_s, route_grid
-from surrogate.perception import PerceptionFrame
+from surrogate.road.perception import PerceptionFrame
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from markupsafe import Markup
 
-from jaxcalib.report.page import render_page
+from jaxcalib.html.page import render_page
 from jaxcalib.validation.figures import distances_figure, measures_figure
 from jaxcalib.validation.result import ValidationResult
 

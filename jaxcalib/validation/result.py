@@ -4,7 +4,7 @@ from typing import Any
 
 import msgspec
 
-from jaxcalib.result import SimulationHealth
+from jaxcalib.calibration.result.result import SimulationHealth
 from jaxcalib.validation.criterion import FORMAT, Criterion
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 from jaxtyping import Float
 
-from surrogate.perception import PerceptionFrame
+from surrogate.road.perception import PerceptionFrame
 
 CELL_M = 50.0
 NOT_PASSED = -1.0

@@ -8,18 +8,18 @@ from typing import Any, Literal
 
 import numpy as np
 
-from jaxcalib.calibration.evaluator import AllRunsFailedError, gather
-from jaxcalib.case import Role
-from jaxcalib.disk import writing_to
-from jaxcalib.engines import prepare_devices, sumo_engine
+from jaxcalib.calibration.result.result import rounded, to_json
+from jaxcalib.calibration.result.simulation_health import health_of
+from jaxcalib.calibration.stages.evaluator import AllRunsFailedError, gather
+from jaxcalib.case.case import Role
 from jaxcalib.errors import CaseError
-from jaxcalib.journal import JournaledSumo
-from jaxcalib.problem import FRAME_INTERVAL_S, CalibrationProblem, read_problem
-from jaxcalib.progress import Progress, Silent
-from jaxcalib.provenance import commit, versions
-from jaxcalib.result import rounded, to_json
-from jaxcalib.run_folder import RunFolder, identify, open_run_folder
-from jaxcalib.simulation_health import health_of
+from jaxcalib.problem.engines import prepare_devices, sumo_engine
+from jaxcalib.problem.problem import FRAME_INTERVAL_S, CalibrationProblem, read_problem
+from jaxcalib.runs.disk import writing_to
+from jaxcalib.runs.journal import JournaledSumo
+from jaxcalib.runs.progress import Progress, Silent
+from jaxcalib.runs.provenance import commit, versions
+from jaxcalib.runs.run_folder import RunFolder, identify, open_run_folder
 from jaxcalib.validation.calibrated_run import CalibratedRun, read_calibrated_run
 from jaxcalib.validation.comparison import (
     compare_distributions,

@@ -3,8 +3,8 @@
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from surrogate.car_following.base import FollowingSituation
 from surrogate.car_following.late_braking import LateBrakingModel
+from surrogate.vehicle.car_following_model import FollowingSituation
 
 Value = Float[Array, "..."]
 FARTHEST_GAP_M = 1e4

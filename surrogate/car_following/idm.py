@@ -3,7 +3,7 @@
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from surrogate.car_following.base import CarFollowingModel, FollowingSituation
+from surrogate.vehicle.car_following_model import CarFollowingModel, FollowingSituation
 
 Value = Float[Array, "..."]
 SMALLEST_RATIO = 1e-9  # of speed to desired speed

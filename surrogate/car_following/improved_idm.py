@@ -3,8 +3,8 @@
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from surrogate.car_following.base import FollowingSituation
 from surrogate.car_following.idm import SMALLEST_GAP_M, SMALLEST_RATIO, Idm, idm_dynamic_gap_m
+from surrogate.vehicle.car_following_model import FollowingSituation
 
 Value = Float[Array, "..."]
 SMALLEST_SHARE = 1e-3  # of gap ratio and of free acceleration, where their powers would overflow

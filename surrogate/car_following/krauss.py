@@ -3,9 +3,9 @@
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from surrogate.car_following.base import FollowingSituation
 from surrogate.car_following.late_braking import LateBrakingModel
 from surrogate.car_following.safe_speed import emergency_follow_speed_mps, safe_follow_speed_mps
+from surrogate.vehicle.car_following_model import FollowingSituation
 
 Value = Float[Array, "..."]
 

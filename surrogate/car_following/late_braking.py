@@ -3,8 +3,8 @@
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from surrogate.car_following.base import CarFollowingModel, FollowingSituation
 from surrogate.car_following.safe_speed import krauss_secure_gap_m, late_braking_speed_mps, safe_stop_speed_mps
+from surrogate.vehicle.car_following_model import CarFollowingModel, FollowingSituation
 
 Value = Float[Array, "..."]
 

@@ -5,7 +5,6 @@ Ranges are those that calibrations of the model use; a calibration of a SUMO cas
 """
 
 from surrogate.car_following.asymmetric_optimal_velocity import AsymmetricOptimalVelocity
-from surrogate.car_following.base import CarFollowingModel
 from surrogate.car_following.full_velocity_difference import FullVelocityDifference
 from surrogate.car_following.gazis_herman_rothery import GazisHermanRothery
 from surrogate.car_following.gipps import Gipps
@@ -14,7 +13,8 @@ from surrogate.car_following.improved_idm import ImprovedIdm
 from surrogate.car_following.krauss import Krauss
 from surrogate.car_following.wiedemann99 import Wiedemann99Sumo
 from surrogate.car_following.wiedemann99_vissim import Wiedemann99Vissim
-from surrogate.model_entry import ModelEntry, Parameter, find
+from surrogate.vehicle.car_following_model import CarFollowingModel
+from surrogate.vehicle.model_entry import ModelEntry, Parameter, find
 
 
 def car_following_model(name: str) -> ModelEntry[CarFollowingModel]:

@@ -12,8 +12,8 @@ from typing import ClassVar
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from surrogate.car_following.base import FollowingSituation
 from surrogate.car_following.late_braking import LateBrakingModel
+from surrogate.vehicle.car_following_model import FollowingSituation
 
 Value = Float[Array, "..."]
 SPEED_OF_CC9_MPS = 80.0 / 3.6

@@ -49,8 +49,8 @@ from typing import ClassVar
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from surrogate.car_following.base import FollowingSituation
 from surrogate.car_following.wiedemann99 import HARDEST_BRAKING_MPS2, SPEED_OF_CC9_MPS, Wiedemann99
+from surrogate.vehicle.car_following_model import FollowingSituation
 
 Value = Float[Array, "..."]
 LEADER_BRAKES_BELOW_MPS2 = -1.0

@@ -4,10 +4,10 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from surrogate.car_following.base import FollowingSituation
 from surrogate.effects.base import ActsOn, Dial, Effect, Memory, Moment
 from surrogate.keyed_random import Purpose, roughly_normal
-from surrogate.traffic_state import VehicleArrays
+from surrogate.road.traffic_state import VehicleArrays
+from surrogate.vehicle.car_following_model import FollowingSituation
 
 NAME = "acceleration_noise"
 Value = Float[Array, " vehicle"]

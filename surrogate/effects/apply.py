@@ -7,18 +7,18 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from surrogate.car_following.base import FollowingSituation
-from surrogate.car_following.habits import Habits
 from surrogate.effects.base import Arrivals, Moment, Newcomers
 from surrogate.effects.registry import EFFECTS
 from surrogate.effects.settings import Effects
-from surrogate.lane_change.base import STAY, LaneChangeDecision
-from surrogate.neighbours import take
-from surrogate.perception import PerceptionFrame, in_order
-from surrogate.road import Road
-from surrogate.tiles import most_of_batch
-from surrogate.traffic_state import VehicleArrays, with_changes
-from surrogate.vehicle_class import CarFollowingMix, VehicleClass
+from surrogate.road.perception import PerceptionFrame, in_order
+from surrogate.road.road import Road
+from surrogate.road.traffic_state import VehicleArrays, with_changes
+from surrogate.vehicle.car_following_model import FollowingSituation
+from surrogate.vehicle.habits import Habits
+from surrogate.vehicle.lane_change_model import STAY, LaneChangeDecision
+from surrogate.vehicle.vehicle_class import CarFollowingMix, VehicleClass
+from surrogate.xla.gather import take
+from surrogate.xla.tiles import most_of_batch
 
 Value = Float[Array, " vehicle"]
 LANE_CHANGE = "lane_change"  # of the memories: in which direction a vehicle has changed at the last decision

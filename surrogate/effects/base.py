@@ -14,9 +14,9 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from surrogate.neighbours import Neighbour
-from surrogate.traffic_state import VehicleArrays
-from surrogate.vehicle_class import VehicleClass
+from surrogate.road.neighbours import Neighbour
+from surrogate.road.traffic_state import VehicleArrays
+from surrogate.vehicle.vehicle_class import VehicleClass
 
 Value = Float[Array, "..."]
 Memory = dict[str, Array]  # what an effect remembers of each vehicle, or of the frames before

@@ -6,10 +6,10 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
 from surrogate.effects.base import ActsOn, Dial, Effect, Memory, Moment
-from surrogate.lane_change.base import STAY, LaneChangeDecision
-from surrogate.road import Road
-from surrogate.traffic_state import VehicleArrays, with_changes
-from surrogate.vehicle_class import select_by_class
+from surrogate.road.road import Road
+from surrogate.road.traffic_state import VehicleArrays, with_changes
+from surrogate.vehicle.lane_change_model import STAY, LaneChangeDecision
+from surrogate.vehicle.vehicle_class import select_by_class
 
 NAME = "blockage"
 # the vehicle that is to stop is chosen earlier: it must still come to a standstill

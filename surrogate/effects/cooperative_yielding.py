@@ -8,7 +8,7 @@ from jaxtyping import Array
 from surrogate.effects.base import ActsOn, Dial, Effect
 from surrogate.lane_change.lc2013 import Lc2013
 from surrogate.lane_change.mobil import Mobil
-from surrogate.vehicle_class import VehicleClass
+from surrogate.vehicle.vehicle_class import VehicleClass
 
 
 def _behaviour(dial: Dial, vehicle_class: VehicleClass) -> VehicleClass:

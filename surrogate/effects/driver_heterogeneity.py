@@ -5,10 +5,10 @@ import jax.numpy as jnp
 from jax.scipy.special import ndtri
 from jaxtyping import Array, Float, Int
 
-from surrogate.car_following.habits import Habits
 from surrogate.effects.base import ActsOn, Dial, Effect, Memory, Moment, Newcomers
 from surrogate.keyed_random import Purpose, uniform
-from surrogate.traffic_state import VehicleArrays
+from surrogate.road.traffic_state import VehicleArrays
+from surrogate.vehicle.habits import Habits
 
 NAME = "driver_heterogeneity"
 SPEED_SHARE = 0.35  # spread of desired speeds, relative to that of the other numbers

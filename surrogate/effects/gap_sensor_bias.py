@@ -4,7 +4,7 @@ import equinox as eqx
 from jaxtyping import Array
 
 from surrogate.effects.base import ActsOn, Dial, Effect, Memory
-from surrogate.perception import PerceptionFrame
+from surrogate.road.perception import PerceptionFrame
 
 
 def _sense(dial: Dial, frame: PerceptionFrame, memory: Memory, seed: Array) -> tuple[PerceptionFrame, Memory]:

@@ -5,10 +5,10 @@ import dataclasses
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from surrogate.car_following.habits import Habits, with_habits
 from surrogate.effects.base import ActsOn, Dial, Effect, Newcomers
 from surrogate.keyed_random import Purpose, uniform
-from surrogate.vehicle_class import VehicleClass
+from surrogate.vehicle.habits import Habits, with_habits
+from surrogate.vehicle.vehicle_class import VehicleClass
 
 LENGTH_M = 13.5
 TOP_SPEED_MPS = 85.0 / 3.6

@@ -5,7 +5,7 @@ import dataclasses
 from surrogate.effects.base import ActsOn, Dial, Effect
 from surrogate.lane_change.lc2013 import Lc2013
 from surrogate.lane_change.mobil import Mobil
-from surrogate.vehicle_class import VehicleClass
+from surrogate.vehicle.vehicle_class import VehicleClass
 
 BIAS_PER_UNIT_MPS2 = 0.06  # MOBIL's bias of 0.3 m/s2 is as strong a discipline as LC2013's eagerness of 5
 

@@ -6,9 +6,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from surrogate.effects.base import ActsOn, Dial, Effect, Memory, Moment
-from surrogate.lane_change.base import STAY, LaneChangeDecision
-from surrogate.perception import PerceptionFrame
-from surrogate.traffic_state import VehicleArrays
+from surrogate.road.perception import PerceptionFrame
+from surrogate.road.traffic_state import VehicleArrays
+from surrogate.vehicle.lane_change_model import STAY, LaneChangeDecision
 
 NAME = "lane_change_duration"
 LANE_WIDTH_M = 3.5

@@ -5,11 +5,11 @@ import dataclasses
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from surrogate.car_following.habits import Habits
 from surrogate.effects.base import ActsOn, Dial, Effect, Memory, Moment
-from surrogate.lane_change.base import STAY
-from surrogate.neighbours import shift_down
-from surrogate.traffic_state import VehicleArrays
+from surrogate.road.neighbours import shift_down
+from surrogate.road.traffic_state import VehicleArrays
+from surrogate.vehicle.habits import Habits
+from surrogate.vehicle.lane_change_model import STAY
 
 NAME = "lane_change_relaxation"
 Value = Float[Array, " vehicle"]

@@ -3,8 +3,8 @@
 import jax.numpy as jnp
 
 from surrogate.effects.base import ActsOn, Dial, Effect, Moment
-from surrogate.road import Road
-from surrogate.traffic_state import VehicleArrays, with_changes
+from surrogate.road.road import Road
+from surrogate.road.traffic_state import VehicleArrays, with_changes
 
 ANNOUNCED_M = 200.0  # how far ahead drivers see that they must slow down
 

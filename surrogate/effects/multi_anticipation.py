@@ -3,8 +3,8 @@
 import equinox as eqx
 import jax.numpy as jnp
 
-from surrogate.car_following.base import FollowingSituation
 from surrogate.effects.base import ActsOn, Dial, Effect, Moment
+from surrogate.vehicle.car_following_model import FollowingSituation
 
 LOOK_AHEAD_M = 150.0
 

@@ -10,8 +10,8 @@ from jaxtyping import Array, Bool, Float
 
 from surrogate.effects.base import ActsOn, Dial, Effect, Memory, Moment
 from surrogate.keyed_random import Purpose, uniform
-from surrogate.traffic_state import VehicleArrays
-from surrogate.vehicle_class import CarFollowingMix
+from surrogate.road.traffic_state import VehicleArrays
+from surrogate.vehicle.vehicle_class import CarFollowingMix
 
 NAME = "reaction_delay"
 Value = Float[Array, " vehicle"]

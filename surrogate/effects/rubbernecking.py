@@ -4,8 +4,8 @@ import jax.numpy as jnp
 
 from surrogate.effects.base import ActsOn, Dial, Effect, Moment
 from surrogate.keyed_random import Purpose, uniform
-from surrogate.road import Road
-from surrogate.traffic_state import VehicleArrays, with_changes
+from surrogate.road.road import Road
+from surrogate.road.traffic_state import VehicleArrays, with_changes
 
 SPEED_LOST = 0.35
 

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from surrogate.effects.base import ActsOn, Dial, Effect
-from surrogate.perception import NO_TRACK, PerceptionFrame, is_other
+from surrogate.road.perception import NO_TRACK, PerceptionFrame, is_other
 
 KEPT = 3  # earlier frames that are kept; a longer latency is cut to their age
 NUM_SLOTS = 512  # of the table in which an earlier place of a track is looked up

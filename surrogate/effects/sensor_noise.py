@@ -7,7 +7,7 @@ from jaxtyping import Array
 
 from surrogate.effects.base import ActsOn, Dial, Effect, Memory
 from surrogate.keyed_random import Purpose, uniform
-from surrogate.perception import PerceptionFrame, frame_number, is_other
+from surrogate.road.perception import PerceptionFrame, frame_number, is_other
 
 
 def _sense(dial: Dial, frame: PerceptionFrame, memory: Memory, seed: Array) -> tuple[PerceptionFrame, Memory]:

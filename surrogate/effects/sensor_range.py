@@ -4,7 +4,7 @@ from jaxtyping import Array
 
 from surrogate.effects.base import ActsOn, Dial, Effect, Memory
 from surrogate.keyed_random import Purpose, uniform
-from surrogate.perception import PerceptionFrame, frame_number, is_other, with_objects
+from surrogate.road.perception import PerceptionFrame, frame_number, is_other, with_objects
 
 DROPOUTS_PER_STRENGTH = 0.1
 

@@ -5,9 +5,9 @@ import dataclasses
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from surrogate.car_following.habits import Habits
 from surrogate.effects.base import ActsOn, Dial, Effect, Memory, Moment
-from surrogate.traffic_state import VehicleArrays
+from surrogate.road.traffic_state import VehicleArrays
+from surrogate.vehicle.habits import Habits
 
 NAME = "slow_start"
 BEGINS_BELOW_MPS = 8.0

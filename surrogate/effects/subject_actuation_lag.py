@@ -5,7 +5,7 @@ from jaxtyping import Array, Float
 
 from surrogate.effects.base import ActsOn, Dial, Effect, Moment
 from surrogate.effects.reaction_delay import held, last_order_mps2
-from surrogate.vehicle_class import CarFollowingMix
+from surrogate.vehicle.vehicle_class import CarFollowingMix
 
 Value = Float[Array, " vehicle"]
 

@@ -12,10 +12,10 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from surrogate.car_following.base import FollowingSituation
 from surrogate.car_following.safe_speed import brake_gap_m
-from surrogate.lane_change.base import Side
 from surrogate.lane_change.gap_acceptance import Blocked, Ego, Following
+from surrogate.vehicle.car_following_model import FollowingSituation
+from surrogate.vehicle.lane_change_model import Side
 
 Value = Float[Array, " request"]
 Flag = Bool[Array, " request"]

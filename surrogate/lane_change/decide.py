@@ -3,7 +3,6 @@
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from surrogate.lane_change.base import LEFT, RIGHT, STAY, LaneChangeDecision
 from surrogate.lane_change.cooperation import NO_ADVICE
 from surrogate.lane_change.free_model import FreeModel, of_members
 from surrogate.lane_change.gap_acceptance import Ego, Following
@@ -16,9 +15,10 @@ from surrogate.lane_change.place import Place
 from surrogate.lane_change.registry import check_known
 from surrogate.lane_change.surroundings import Wanted, desired_speed_mps, following_of
 from surrogate.lane_change.view import View, judge_gaps, lc2013_of, look_around
-from surrogate.materialise import materialise
-from surrogate.tiles import Tile, all_tiles, over_tiles
-from surrogate.vehicle_class import VehicleClass
+from surrogate.vehicle.lane_change_model import LEFT, RIGHT, STAY, LaneChangeDecision
+from surrogate.vehicle.vehicle_class import VehicleClass
+from surrogate.xla.materialise import materialise
+from surrogate.xla.tiles import Tile, all_tiles, over_tiles
 
 Value = Float[Array, " vehicle"]
 Flag = Bool[Array, " vehicle"]
@@ -38,7 +38,7 @@ def decide(
         classes: vehicle classes.
         interval_s: time since the last decision.
         step_s: length of a time step.
-        num_tiles: tiles that hold vehicles, see `surrogate.tiles`; all unless given.
+        num_tiles: tiles that hold vehicles, see `surrogate.xla.tiles`; all unless given.
     """
     check_known(classes)
     everybody = place.everybody

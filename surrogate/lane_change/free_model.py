@@ -12,14 +12,14 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from surrogate.lane_change.base import LaneChangeModel, Reason, Side
 from surrogate.lane_change.cooperation import NO_ADVICE
 from surrogate.lane_change.gap_acceptance import Blocked, Ego, Following
 from surrogate.lane_change.lc2013 import Lc2013
 from surrogate.lane_change.motives import Wish
 from surrogate.lane_change.old_follower import OldFollower
 from surrogate.lane_change.strategy import Strategy
-from surrogate.vehicle_class import VehicleClass, select_record
+from surrogate.vehicle.lane_change_model import LaneChangeModel, Reason, Side
+from surrogate.vehicle.vehicle_class import VehicleClass, select_record
 
 Value = Float[Array, " vehicle"]
 Flag = Bool[Array, " vehicle"]

@@ -4,9 +4,9 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from surrogate.car_following.base import FollowingSituation
-from surrogate.lane_change.base import RouteNeed, Side
-from surrogate.vehicle_class import CarFollowingMix, select_by_class
+from surrogate.vehicle.car_following_model import FollowingSituation
+from surrogate.vehicle.lane_change_model import RouteNeed, Side
+from surrogate.vehicle.vehicle_class import CarFollowingMix, select_by_class
 
 Value = Float[Array, " vehicle"]
 Flag = Bool[Array, " vehicle"]

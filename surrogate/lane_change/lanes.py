@@ -4,11 +4,11 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from surrogate.lane_change.base import RouteNeed
 from surrogate.lane_change.gap_acceptance import Following
 from surrogate.lane_change.place import Guide, Place
-from surrogate.materialise import materialise
-from surrogate.neighbours import entry_ahead
+from surrogate.road.neighbours import entry_ahead
+from surrogate.vehicle.lane_change_model import RouteNeed
+from surrogate.xla.materialise import materialise
 
 Value = Float[Array, " vehicle"]
 Flag = Bool[Array, " vehicle"]

@@ -18,7 +18,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from surrogate.lane_change.base import LaneChangeModel
+from surrogate.vehicle.lane_change_model import LaneChangeModel
 
 Value = Float[Array, " vehicle"]
 

@@ -21,11 +21,12 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
-from surrogate.lane_change.base import STAY, LaneChangeDecision
 from surrogate.lane_change.cooperation import NO_ADVICE
-from surrogate.neighbours import entry_ahead, take
-from surrogate.reorder import NOBODY, Order
-from surrogate.traffic_state import Manoeuvres, VehicleArrays
+from surrogate.road.neighbours import entry_ahead
+from surrogate.road.reorder import NOBODY, Order
+from surrogate.road.traffic_state import Manoeuvres, VehicleArrays
+from surrogate.vehicle.lane_change_model import STAY, LaneChangeDecision
+from surrogate.xla.gather import take
 
 LANE_WIDTH_M, VEHICLE_WIDTH_M = 3.2, 1.8
 IN_OLD_LANE = 0.5 + 0.5 * VEHICLE_WIDTH_M / LANE_WIDTH_M  # share of the duration

@@ -14,7 +14,7 @@ the new follower n and the old follower o:
 Deviations:
 - The European rule is a number between 0 (equation 3) and 1 (equations 4 to 6), which blends the two, so that it is a
   parameter like the others. The bias a_bias acts in both; 0 makes equation (3) the published one.
-- Accelerations are those that the vehicles would carry out (`surrogate.kinematics`), not what the model wants:
+- Accelerations are those that the vehicles would carry out (`surrogate.loop.kinematics`), not what the model wants:
   models that name a safe speed, such as Krauss, want any deceleration when they are too close.
 - (4) acts on the choice of lane only, not on the acceleration in the right lane.
 - MOBIL decides what a driver may wish. What his route demands, and whether the gaps ahead and behind are secure, is
@@ -29,15 +29,15 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from surrogate.car_following.base import FollowingSituation
-from surrogate.lane_change.base import Reason, Side
 from surrogate.lane_change.free_model import FreeModel, Outlook, free_wish
 from surrogate.lane_change.gap_acceptance import Blocked, Ego, Following
 from surrogate.lane_change.lc2013 import Lc2013, route_only
 from surrogate.lane_change.motives import Wish
 from surrogate.lane_change.old_follower import OldFollower
-from surrogate.vehicle_class import CarFollowingMix
-from surrogate.vehicle_limits import limited_acceleration
+from surrogate.vehicle.car_following_model import FollowingSituation
+from surrogate.vehicle.lane_change_model import Reason, Side
+from surrogate.vehicle.vehicle_class import CarFollowingMix
+from surrogate.vehicle.vehicle_limits import limited_acceleration
 
 Value = Float[Array, " vehicle"]
 Flag = Bool[Array, " vehicle"]

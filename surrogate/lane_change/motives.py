@@ -5,12 +5,12 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from surrogate.car_following.safe_speed import brake_gap_m, safe_follow_speed_mps
-from surrogate.lane_change.base import Reason, Side
 from surrogate.lane_change.cooperation import CONGESTED_BELOW_MPS, CONGESTED_LIMIT_BELOW_MPS, HELP_OVERTAKE_MPS
 from surrogate.lane_change.gap_acceptance import Ego, Following
 from surrogate.lane_change.lc2013 import Lc2013, Memory
 from surrogate.lane_change.strategy import Strategy, is_shorter
-from surrogate.materialise import materialise
+from surrogate.vehicle.lane_change_model import Reason, Side
+from surrogate.xla.materialise import materialise
 
 Value = Float[Array, " vehicle"]
 Flag = Bool[Array, " vehicle"]

@@ -8,7 +8,6 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from surrogate.compaction import first_true
 from surrogate.lane_change.cooperation import NO_ADVICE, requests
 from surrogate.lane_change.gap_acceptance import Following
 from surrogate.lane_change.lanes import Lanes
@@ -16,10 +15,11 @@ from surrogate.lane_change.old_follower import OldFollower
 from surrogate.lane_change.place import Place
 from surrogate.lane_change.surroundings import Wanted, following_of
 from surrogate.lane_change.view import judge_gaps, look_around
-from surrogate.materialise import materialise, on_processors
-from surrogate.neighbours import take
-from surrogate.tiles import Chosen, Tile, most_of_batch, over_tiles, tiles_for
-from surrogate.vehicle_class import VehicleClass
+from surrogate.vehicle.vehicle_class import VehicleClass
+from surrogate.xla.compaction import first_true
+from surrogate.xla.gather import take
+from surrogate.xla.materialise import materialise, on_processors
+from surrogate.xla.tiles import Chosen, Tile, most_of_batch, over_tiles, tiles_for
 
 Value = Float[Array, " vehicle"]
 Flag = Bool[Array, " vehicle"]

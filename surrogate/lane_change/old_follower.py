@@ -5,8 +5,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from surrogate.lane_change.gap_acceptance import Following
-from surrogate.neighbours import shift_up
-from surrogate.traffic_state import HEAD, VehicleArrays
+from surrogate.road.neighbours import shift_up
+from surrogate.road.traffic_state import HEAD, VehicleArrays
 
 Value = Float[Array, " vehicle"]
 Flag = Bool[Array, " vehicle"]

@@ -7,9 +7,10 @@ from typing import Any
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from surrogate.neighbours import Neighbour, entry_ahead, own_leader, shift_down, take
-from surrogate.road import Road
-from surrogate.traffic_state import VehicleArrays
+from surrogate.road.neighbours import Neighbour, entry_ahead, own_leader, shift_down
+from surrogate.road.road import Road
+from surrogate.road.traffic_state import VehicleArrays
+from surrogate.xla.gather import take
 
 Value = Float[Array, " vehicle"]
 Flag = Bool[Array, " vehicle"]
@@ -103,7 +104,7 @@ class Place:
         """Return the place of some of the vehicles.
 
         Args:
-            of: takes their part of arrays, see `surrogate.tiles`.
+            of: takes their part of arrays, see `surrogate.xla.tiles`.
         """
         some = copy(self)
         some.vehicles, some.leader, some.leader_edge_start_m = of(

@@ -7,12 +7,12 @@ SUMO's names.
 
 from collections.abc import Sequence
 
-from surrogate.lane_change.base import LaneChangeModel
 from surrogate.lane_change.lc2013 import Lc2013
 from surrogate.lane_change.mobil import Mobil
 from surrogate.lane_change.vissim import Vissim
-from surrogate.model_entry import ModelEntry, Parameter, find
-from surrogate.vehicle_class import VehicleClass
+from surrogate.vehicle.lane_change_model import LaneChangeModel
+from surrogate.vehicle.model_entry import ModelEntry, Parameter, find
+from surrogate.vehicle.vehicle_class import VehicleClass
 
 
 def lane_change_model(name: str) -> ModelEntry[LaneChangeModel]:

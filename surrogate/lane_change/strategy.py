@@ -4,9 +4,9 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from surrogate.lane_change.base import Side
 from surrogate.lane_change.gap_acceptance import Ego, Following
 from surrogate.lane_change.lc2013 import Lc2013
+from surrogate.vehicle.lane_change_model import Side
 
 Value = Float[Array, " vehicle"]
 Flag = Bool[Array, " vehicle"]

@@ -8,13 +8,14 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from surrogate.car_following.safe_speed import brake_gap_m
-from surrogate.lane_change.base import RouteNeed, Side
 from surrogate.lane_change.gap_acceptance import Ego, Following
 from surrogate.lane_change.lanes import LaneBeside
 from surrogate.lane_change.place import Place
-from surrogate.neighbours import Neighbour, shift_down, take
-from surrogate.traffic_state import VehicleArrays
-from surrogate.vehicle_class import CarFollowingMix, VehicleClass, select_by_class
+from surrogate.road.neighbours import Neighbour, shift_down
+from surrogate.road.traffic_state import VehicleArrays
+from surrogate.vehicle.lane_change_model import RouteNeed, Side
+from surrogate.vehicle.vehicle_class import CarFollowingMix, VehicleClass, select_by_class
+from surrogate.xla.gather import take
 
 Value = Float[Array, " vehicle"]
 Flag = Bool[Array, " vehicle"]

@@ -4,7 +4,6 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from surrogate.lane_change.base import Side
 from surrogate.lane_change.free_model import FreeModel, Outlook, free_models, of_members
 from surrogate.lane_change.gap_acceptance import Blocked, Ego, blocked
 from surrogate.lane_change.lanes import Lanes
@@ -13,9 +12,10 @@ from surrogate.lane_change.old_follower import OldFollower
 from surrogate.lane_change.place import Place
 from surrogate.lane_change.strategy import Strategy, decayed_look_ahead_speed_mps, strategy
 from surrogate.lane_change.surroundings import Wanted, ego_of, following_of, side_of, sight_m
-from surrogate.materialise import materialise
-from surrogate.traffic_state import VehicleArrays
-from surrogate.vehicle_class import VehicleClass, select_record
+from surrogate.road.traffic_state import VehicleArrays
+from surrogate.vehicle.lane_change_model import Side
+from surrogate.vehicle.vehicle_class import VehicleClass, select_record
+from surrogate.xla.materialise import materialise
 
 Value = Float[Array, " vehicle"]
 Flag = Bool[Array, " vehicle"]

@@ -30,11 +30,11 @@ Deviations from VISSIM:
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from surrogate.lane_change.base import Reason, Side
 from surrogate.lane_change.free_model import FreeModel, Outlook, free_wish
 from surrogate.lane_change.gap_acceptance import Blocked, Ego, Following
 from surrogate.lane_change.lc2013 import Lc2013, route_only
 from surrogate.lane_change.motives import Wish
+from surrogate.vehicle.lane_change_model import Reason, Side
 
 Value = Float[Array, " vehicle"]
 Flag = Bool[Array, " vehicle"]

@@ -4,13 +4,13 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
-from surrogate.lane_change.base import STAY, LaneChangeDecision, Reason
 from surrogate.lane_change.cooperation import NO_ADVICE
 from surrogate.lane_change.place import Place
-from surrogate.materialise import materialise
 from surrogate.subject.planner import Planner, plan
 from surrogate.subject.view import OWN_LANE, look_around
-from surrogate.vehicle_class import VehicleClass
+from surrogate.vehicle.lane_change_model import STAY, LaneChangeDecision, Reason
+from surrogate.vehicle.vehicle_class import VehicleClass
+from surrogate.xla.materialise import materialise
 
 
 def with_planned_acceleration(

@@ -7,8 +7,8 @@ from typing import ClassVar
 import equinox as eqx
 from jaxtyping import Array, Float
 
-from surrogate.car_following.base import CarFollowingModel, FollowingSituation
-from surrogate.vehicle_class import VehicleClass
+from surrogate.vehicle.car_following_model import CarFollowingModel, FollowingSituation
+from surrogate.vehicle.vehicle_class import VehicleClass
 
 Value = Float[Array, "..."]
 

@@ -10,9 +10,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from surrogate.lane_change.base import LEFT, RIGHT, STAY
 from surrogate.subject import rollout
 from surrogate.subject.view import LEFT_LANE, OWN_LANE, RIGHT_LANE, SubjectView
+from surrogate.vehicle.lane_change_model import LEFT, RIGHT, STAY
 
 # A manoeuvre is a lane and the time at which it is entered. Who cannot change yet may make the gap that he needs.
 MANOEUVRES = (

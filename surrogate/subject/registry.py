@@ -8,10 +8,10 @@ import jax.numpy as jnp
 
 from surrogate.car_following.krauss import Krauss
 from surrogate.car_following.registry import CAR_FOLLOWING_MODELS, car_following_model
-from surrogate.model_entry import Parameter, UnknownModelError, check_range
 from surrogate.subject.following import driven_by
 from surrogate.subject.planner import Planner
-from surrogate.vehicle_class import VehicleClass
+from surrogate.vehicle.model_entry import Parameter, UnknownModelError, check_range
+from surrogate.vehicle.vehicle_class import VehicleClass
 
 VTYPE, PLANNER, REPLAY = "vtype", "planner", "replay"
 DESCRIPTIONS = {

@@ -8,10 +8,11 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from surrogate.neighbours import entry_ahead, neighbour_at, take
-from surrogate.road import Road
-from surrogate.traffic_state import VehicleArrays
-from surrogate.vehicle_class import VehicleClass, select_by_class
+from surrogate.road.neighbours import entry_ahead, neighbour_at
+from surrogate.road.road import Road
+from surrogate.road.traffic_state import VehicleArrays
+from surrogate.vehicle.vehicle_class import VehicleClass, select_by_class
+from surrogate.xla.gather import take
 
 RIGHT_LANE, OWN_LANE, LEFT_LANE = 0, 1, 2
 

@@ -55,7 +55,7 @@ def test_no_module_drives_vehicles(module: Path):
 
 
 def test_names_are_the_library_s():
-    from jaxcalib.effect_list import EFFECTS as LIBRARY
+    from jaxcalib.cli.effect_list import EFFECTS as LIBRARY
 
     inside = {name for name, effect in EFFECTS.items() if not effect.is_outside}
     outside = set(EFFECTS) - inside

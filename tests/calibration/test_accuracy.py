@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from jaxcalib.calibration.accuracy import (
+from jaxcalib.calibration.objective.accuracy import (
     MEASURE_OF,
     VEHICLE_LEVEL,
     Effectiveness,
@@ -11,7 +11,7 @@ from jaxcalib.calibration.accuracy import (
     noise_floor,
     vehicle_level_of,
 )
-from jaxcalib.calibration.bootstrap import bootstrap_errors, interval_of
+from jaxcalib.calibration.objective.bootstrap import bootstrap_errors, interval_of
 from jaxcalib.measures.measure import Level, Measure
 
 MEASURES = {name: Measure(name, "", Level.VEHICLE, f"{name}.sum", f"{name}.count") for name in set(MEASURE_OF.values())}

@@ -10,8 +10,8 @@ from toy import SPACE, TRUTH, ToySimulator, tallies, toy_objective
 from experiments.optimisers.case_problem import CaseProblem, PreparedCase
 from experiments.optimisers.course import Budget, run_course
 from experiments.optimisers.registry import OPTIMISERS
-from jaxcalib.calibration.evidence import independent_evidence
-from jaxcalib.calibration.search_box import search_box
+from jaxcalib.calibration.objective.evidence import independent_evidence
+from jaxcalib.calibration.stages.search_box import search_box
 
 START = np.asarray([0.9, 0.3, 0.85])
 FIT, HELD_OUT = (300.0, 320.0), (340.0, 360.0)

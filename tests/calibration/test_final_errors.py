@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from jaxcalib.calibration.final_errors import FinalRuns, runs_of_role, start_final_runs, with_outcomes
-from jaxcalib.simulation_health import health_of, unfinished_warnings
+from jaxcalib.calibration.confirmation.final_errors import FinalRuns, runs_of_role, start_final_runs, with_outcomes
+from jaxcalib.calibration.result.simulation_health import health_of, unfinished_warnings
 from sim_adapters.interface import RunOutcome, RunRequest, Status
 
 DEPARTS_S = (300.0, 340.0, 300.0)

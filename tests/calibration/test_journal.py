@@ -4,7 +4,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from jaxcalib.journal import Journal, write_atomically
+from jaxcalib.runs.journal import Journal, write_atomically
 from sim_adapters.interface import RunOutcome, RunRequest, Status
 from surrogate.effects.base import EffectSetting
 

@@ -5,13 +5,13 @@ import numpy as np
 import pytest
 from toy import NOISE, OFFSET, RESPONSE, SPACE, TRUTH, tallies, toy_moments, toy_objective
 
-from jaxcalib.calibration.discrepancy import Confirmed, learn_discrepancy
-from jaxcalib.calibration.evidence import SCENARIO_ERROR, evidence_of, independent_evidence
-from jaxcalib.calibration.moments import Moments, noise_covariance, observed_moments
-from jaxcalib.calibration.objective import MODEL_ERROR, Objective
+from jaxcalib.calibration.confirmation.discrepancy import Confirmed, learn_discrepancy
+from jaxcalib.calibration.objective.evidence import SCENARIO_ERROR, evidence_of, independent_evidence
+from jaxcalib.calibration.objective.moments import Moments, noise_covariance, observed_moments
+from jaxcalib.calibration.objective.objective import MODEL_ERROR, Objective
 from jaxcalib.initial_values.demand_profile import DemandEstimate
 from jaxcalib.measures.measure import Level
-from jaxcalib.parameter_space import ParameterSpace, Range
+from jaxcalib.problem.parameter_space import ParameterSpace, Range
 from sim_adapters.interface import ParameterLayout
 
 

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from toy import LAYOUT, SPACE, ToySimulator, toy_objective
 
-from jaxcalib.calibration import two_stage
-from jaxcalib.calibration.budget import Budget
-from jaxcalib.calibration.evaluator import Evaluator
-from jaxcalib.calibration.evidence import independent_evidence
+from jaxcalib.calibration.objective.evidence import independent_evidence
+from jaxcalib.calibration.stages import two_stage
+from jaxcalib.calibration.stages.budget import Budget
+from jaxcalib.calibration.stages.evaluator import Evaluator
 from jaxcalib.initial_values.driver_values import DriverEstimate
 from jaxcalib.initial_values.initial_point import InitialPoint, without_driver_logs
-from jaxcalib.progress import Silent
-from jaxcalib.settings import Settings
+from jaxcalib.problem.settings import Settings
+from jaxcalib.runs.progress import Silent
 
 BUDGET = Budget(4, 8, 12, 8, 6, 2, 1, 1, 2, 2, 2, 100)
 START = SPACE.values_of(np.full((1, 3), 0.5))[0]

@@ -4,12 +4,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from toy import RESPONSE, SPACE, TRUTH, ToySimulator, toy_objective, toy_run
 
-from jaxcalib.calibration.evaluator import AllRunsFailedError, Evaluator
-from jaxcalib.calibration.evidence import independent_evidence
-from jaxcalib.calibration.local_surface import local_surface
-from jaxcalib.calibration.optimisation import optimise, polish
-from jaxcalib.calibration.screening import screen, smallest_array
-from jaxcalib.calibration.search_box import half_width_of, search_box
+from jaxcalib.calibration.objective.evidence import independent_evidence
+from jaxcalib.calibration.stages.evaluator import AllRunsFailedError, Evaluator
+from jaxcalib.calibration.stages.local_surface import local_surface
+from jaxcalib.calibration.stages.optimisation import optimise, polish
+from jaxcalib.calibration.stages.screening import screen, smallest_array
+from jaxcalib.calibration.stages.search_box import half_width_of, search_box
 from jaxcalib.search import SagaConfig, TrustRegionConfig
 
 WHOLE = search_box(np.full(3, 0.5), range(3), np.full(3, 0.5))

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from jaxcalib.calibration.uncertainty import information_of
+from jaxcalib.calibration.result.uncertainty import information_of
 from jaxcalib.search.response_surface import ResponseSurface, fit_response_surface
 
 NUM_MOMENTS, NUM_PARAMETERS, NUM_POINTS = 60, 5, 24

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from jaxcalib.cli import calibrate
-from jaxcalib.guarded import EXIT_CASE_WRONG
+from jaxcalib.cli.app import calibrate
+from jaxcalib.cli.guarded import EXIT_CASE_WRONG
 
 CASE = Path(__file__).parents[2] / "experiments" / "cases" / "corridor"
 CONFIG, DEMAND = "scenario/scenario.sumocfg", "scenario/demand.rou.xml"
@@ -98,7 +98,7 @@ def test_outputs_that_a_configuration_asks_for_are_never_written(case: Path, cap
     end = "</configuration>"
     asked = f'<output><tripinfo-output value="{aim}"/></output><traci_server><remote-port value="9"/></traci_server>'
     (case / CONFIG).write_text(text.replace(end, asked + end))
-    from jaxcalib.problem import read_problem
+    from jaxcalib.problem.problem import read_problem
 
     problem = read_problem(case)
     assert any("tripinfo-output" in line or "output" in line for line in problem.warnings())
@@ -106,8 +106,8 @@ def test_outputs_that_a_configuration_asks_for_are_never_written(case: Path, cap
 
 
 def test_run_folder_of_another_case(case: Path, capsys: pytest.CaptureFixture[str]):
-    from jaxcalib.case import read_case
-    from jaxcalib.run_folder import identify, open_run_folder
+    from jaxcalib.case.case import read_case
+    from jaxcalib.runs.run_folder import identify, open_run_folder
 
     out = case.parent / "run"
     with open_run_folder(out, identify(read_case(case), {"seed": 0}), False):
@@ -119,8 +119,8 @@ def test_run_folder_of_another_case(case: Path, capsys: pytest.CaptureFixture[st
 
 
 def test_a_begun_run_needs_resume_and_the_same_options(case: Path, capsys: pytest.CaptureFixture[str]):
-    from jaxcalib.case import read_case
-    from jaxcalib.run_folder import identify, open_run_folder
+    from jaxcalib.case.case import read_case
+    from jaxcalib.runs.run_folder import identify, open_run_folder
 
     out = case.parent / "run"
     with open_run_folder(out, identify(read_case(case), {"seed": 5}), False):

@@ -4,13 +4,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from jaxcalib.calibration.evaluator import Evaluator
-from jaxcalib.calibration.evidence import Evidence, independent_evidence
-from jaxcalib.calibration.moments import Moments
-from jaxcalib.calibration.objective import Objective
-from jaxcalib.calibration.search_run import SearchRun
+from jaxcalib.calibration.objective.evidence import Evidence, independent_evidence
+from jaxcalib.calibration.objective.moments import Moments
+from jaxcalib.calibration.objective.objective import Objective
+from jaxcalib.calibration.stages.evaluator import Evaluator
+from jaxcalib.calibration.stages.search_run import SearchRun
 from jaxcalib.measures.measure import Level
-from jaxcalib.parameter_space import ParameterSpace, Range
+from jaxcalib.problem.parameter_space import ParameterSpace, Range
 from sim_adapters.interface import ParameterLayout, RunOutcome, RunRequest, Status
 
 LAYOUT = ParameterLayout(("main",), (("f",),), ("car",), ("tau", "minGap"))

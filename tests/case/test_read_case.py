@@ -7,7 +7,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from jaxcalib.case import Perception, read_case, require_scenario
+from jaxcalib.case.case import Perception, read_case, require_scenario
 from jaxcalib.errors import LONGEST_MESSAGE, CaseError
 
 

@@ -3,9 +3,9 @@ from pathlib import Path
 
 import pytest
 
-from jaxcalib.calibration.evaluator import AllRunsFailedError
+from jaxcalib.calibration.stages.evaluator import AllRunsFailedError
+from jaxcalib.cli.guarded import LOG_FILE, guarded
 from jaxcalib.errors import CaseError, ResourceError
-from jaxcalib.guarded import LOG_FILE, guarded
 
 GO_ON = "go on with --resume"
 FAILED = AllRunsFailedError("no run succeeded", "Error: the last words.")

@@ -4,7 +4,7 @@ import io
 
 from rich.console import Console
 
-from jaxcalib.terminal import SUMO_WEIGHT, TerminalProgress
+from jaxcalib.cli.terminal import SUMO_WEIGHT, TerminalProgress
 
 
 def test_more_runs_than_planned_are_not_more_than_everything():

@@ -7,19 +7,19 @@ import json
 import sys
 from pathlib import Path
 
-from jaxcalib.compilation_cache import keep_compiled_programs
+from jaxcalib.cli.compilation_cache import keep_compiled_programs
 
 keep_compiled_programs()
 
 import jax  # noqa: E402
 
-from jaxcalib.engines import prepare_devices  # noqa: E402
-from jaxcalib.problem import read_problem  # noqa: E402
+from jaxcalib.problem.engines import prepare_devices  # noqa: E402
+from jaxcalib.problem.problem import read_problem  # noqa: E402
 from sim_adapters.interface import RunRequest  # noqa: E402
-from sim_adapters.jax_simulator import JaxSimulator  # noqa: E402
-from sim_adapters.program_store import program_store  # noqa: E402
-from surrogate.perception import Sensor  # noqa: E402
-from surrogate.world import Clock  # noqa: E402
+from sim_adapters.jax.program_store import program_store  # noqa: E402
+from sim_adapters.jax.simulator import JaxSimulator  # noqa: E402
+from surrogate.loop.world import Clock  # noqa: E402
+from surrogate.road.perception import Sensor  # noqa: E402
 
 CASE = Path(__file__).parents[2] / "experiments" / "cases" / "corridor"
 DEPART_S, END_S = 31.0, 70.0

@@ -10,12 +10,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxcalib.compilation_cache import keep_compiled_programs
-from sim_adapters import program_store
-from sim_adapters.processor import processor
-from sim_adapters.program_store import ProgramStore, compile_afresh
-from surrogate.perception import Sensor
-from surrogate.world import Clock
+from jaxcalib.cli.compilation_cache import keep_compiled_programs
+from sim_adapters.jax import program_store
+from sim_adapters.jax.processor import processor
+from sim_adapters.jax.program_store import ProgramStore, compile_afresh
+from surrogate.loop.world import Clock
+from surrogate.road.perception import Sensor
 
 CLOCK = Clock(step_s=0.1, steps_per_decision=10)
 SHAPES = (jax.ShapeDtypeStruct((3,), jnp.float32),)

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from jaxcalib.diagnosis.conventions import Conventions
-from jaxcalib.diagnosis.drive_table import DriveTable
-from jaxcalib.diagnosis.features import Cell
-from jaxcalib.diagnosis.noise import NullModel
+from jaxcalib.diagnosis.features.conventions import Conventions
+from jaxcalib.diagnosis.features.drive_table import DriveTable
+from jaxcalib.diagnosis.features.features import Cell
+from jaxcalib.diagnosis.features.noise import NullModel
 
 STEP_S = 0.1
 ROAD = Conventions(

@@ -9,16 +9,16 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from jaxcalib.calibration.evaluator import AllRunsFailedError
-from jaxcalib.diagnosis.atlas import parameter_steps
-from jaxcalib.diagnosis.baseline import LONGEST_STEPS, MOST_MOVES, MOST_ROUNDS, Baseline, BaselineMaker
-from jaxcalib.diagnosis.explained_runs import LEAST_VALUE_SHARE
-from jaxcalib.diagnosis.features import Cell
-from jaxcalib.diagnosis.investigation import NotTestableError
-from jaxcalib.diagnosis.noise import NullModel
-from jaxcalib.diagnosis.plan import plan_diagnosis
-from jaxcalib.diagnosis.trials import TrialRunner
-from jaxcalib.problem import CalibrationProblem
+from jaxcalib.calibration.stages.evaluator import AllRunsFailedError
+from jaxcalib.diagnosis.features.features import Cell
+from jaxcalib.diagnosis.features.noise import NullModel
+from jaxcalib.diagnosis.inference.baseline import LONGEST_STEPS, MOST_MOVES, MOST_ROUNDS, Baseline, BaselineMaker
+from jaxcalib.diagnosis.inference.investigation import NotTestableError
+from jaxcalib.diagnosis.runs.explained_runs import LEAST_VALUE_SHARE
+from jaxcalib.diagnosis.runs.parameter_steps import parameter_steps
+from jaxcalib.diagnosis.runs.plan import plan_diagnosis
+from jaxcalib.diagnosis.runs.trials import TrialRunner
+from jaxcalib.problem.problem import CalibrationProblem
 from sim_adapters.interface import ParameterLayout
 
 LAYOUT = ParameterLayout(("main",), (("f",),), ("car",), ("tau", "accel"))

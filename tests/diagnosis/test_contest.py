@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 from synthetic import made_up_null
 
-from jaxcalib.diagnosis.atlas import Slopes
-from jaxcalib.diagnosis.contest import best_gain, confirmed, without_needless_unknown
-from jaxcalib.diagnosis.cross_validation import cross_validated_gains
-from jaxcalib.diagnosis.evidence import NONE, UNKNOWN, Explained, Signature
-from jaxcalib.diagnosis.features import DriveTallies
-from jaxcalib.diagnosis.investigation import Prepared
+from jaxcalib.diagnosis.features.features import DriveTallies
+from jaxcalib.diagnosis.features.signature import Signature
+from jaxcalib.diagnosis.inference.atlas import Slopes
+from jaxcalib.diagnosis.inference.contest import best_gain, confirmed, without_needless_unknown
+from jaxcalib.diagnosis.inference.cross_validation import cross_validated_gains
+from jaxcalib.diagnosis.inference.evidence import NONE, UNKNOWN, Explained
+from jaxcalib.diagnosis.inference.investigation import Prepared
 from surrogate.effects.registry import effect_named
 
 NULL = made_up_null()

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jaxcalib.diagnosis.descent import FIRST_LONGEST, Descent, Target, descend, linear_step
-from jaxcalib.diagnosis.explained_runs import ExplainedRuns
-from jaxcalib.diagnosis.features import Cell, DriveTallies
+from jaxcalib.diagnosis.features.features import Cell, DriveTallies
+from jaxcalib.diagnosis.inference.descent import FIRST_LONGEST, Descent, Target, descend, linear_step
+from jaxcalib.diagnosis.runs.explained_runs import ExplainedRuns
 
 SIZE = 12
 SLOPES = 3.0 * np.random.default_rng(0).standard_normal((SIZE, 3))

@@ -3,8 +3,8 @@
 import shutil
 from pathlib import Path
 
-from jaxcalib.cli import diagnose
-from jaxcalib.guarded import EXIT_CASE_WRONG
+from jaxcalib.cli.app import diagnose
+from jaxcalib.cli.guarded import EXIT_CASE_WRONG
 
 CASE = Path(__file__).parents[2] / "experiments" / "cases" / "corridor"
 

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from synthetic import ROAD, STEP_S, two_vehicles
 
-from jaxcalib.diagnosis.altered_drives import ALTERATIONS, RHYTHMS
-from jaxcalib.diagnosis.features import TallyBook
-from jaxcalib.diagnosis.identities import count_identities
-from jaxcalib.diagnosis.null_runs import alterations_of
+from jaxcalib.diagnosis.features.altered_drives import ALTERATIONS, RHYTHMS
+from jaxcalib.diagnosis.features.features import TallyBook
+from jaxcalib.diagnosis.features.identities import count_identities
+from jaxcalib.diagnosis.runs.null_runs import alterations_of
 
 
 def identities(table) -> dict[tuple[str, str, str], float]:

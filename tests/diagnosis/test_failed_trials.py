@@ -3,12 +3,12 @@
 import numpy as np
 from synthetic import made_up_null
 
-from jaxcalib.diagnosis.atlas import BASELINE, effect_trials, surrogate_signatures
-from jaxcalib.diagnosis.evidence import Explained
-from jaxcalib.diagnosis.features import DriveTallies, TallyBook, gather_tallies
-from jaxcalib.diagnosis.place_search import refine_places
-from jaxcalib.diagnosis.trials import FEWEST_PAIRS, has_pairs, paired_difference
-from jaxcalib.diagnosis.windows import Window
+from jaxcalib.diagnosis.features.features import DriveTallies, TallyBook, gather_tallies
+from jaxcalib.diagnosis.features.windows import Window
+from jaxcalib.diagnosis.inference.atlas import effect_trials, surrogate_signatures
+from jaxcalib.diagnosis.inference.evidence import Explained
+from jaxcalib.diagnosis.inference.place_search import refine_places
+from jaxcalib.diagnosis.runs.trials import BASELINE, FEWEST_PAIRS, has_pairs, paired_difference
 
 NULL = made_up_null()
 SIZE = len(NULL.cells)

@@ -10,27 +10,27 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from synthetic import made_up_null
 
-from jaxcalib.diagnosis.atlas import ALTERED_EXACTNESS, READING_EXACTNESS, altered_exactness
-from jaxcalib.diagnosis.conventions import rounding_step
-from jaxcalib.diagnosis.evidence import (
+from jaxcalib.diagnosis.features.conventions import rounding_step
+from jaxcalib.diagnosis.features.features import Cell, DriveTallies
+from jaxcalib.diagnosis.features.noise import open_deviation
+from jaxcalib.diagnosis.features.signature import Signature
+from jaxcalib.diagnosis.inference.atlas import ALTERED_EXACTNESS, READING_EXACTNESS, altered_exactness
+from jaxcalib.diagnosis.inference.evidence import (
     NONE,
     UNKNOWN,
-    Signature,
     explain,
     explain_none,
     explain_unknown,
     groups_of,
     log_density,
 )
-from jaxcalib.diagnosis.features import Cell, DriveTallies
-from jaxcalib.diagnosis.further import most_flexible_shift, next_steps, second_effect
-from jaxcalib.diagnosis.investigation import Prepared, moved
-from jaxcalib.diagnosis.ledger import make_ledger, parameter_shift, remaining_covariance
-from jaxcalib.diagnosis.noise import open_deviation
-from jaxcalib.diagnosis.ramp_inflow import explain_ramps
-from jaxcalib.diagnosis.stages import Stages
-from jaxcalib.diagnosis.verdict import LEAST_EVIDENCE, Verdict, judge, probabilities
-from jaxcalib.diagnosis.visibility import atlas_of
+from jaxcalib.diagnosis.inference.further import most_flexible_shift, next_steps, second_effect
+from jaxcalib.diagnosis.inference.investigation import Prepared, moved
+from jaxcalib.diagnosis.inference.ledger import make_ledger, parameter_shift, remaining_covariance
+from jaxcalib.diagnosis.inference.ramp_inflow import explain_ramps
+from jaxcalib.diagnosis.inference.verdict import LEAST_EVIDENCE, Verdict, judge, probabilities
+from jaxcalib.diagnosis.inference.visibility import atlas_of
+from jaxcalib.diagnosis.runs.stages import Stages
 from surrogate.effects.registry import effect_named
 
 NULL = made_up_null()

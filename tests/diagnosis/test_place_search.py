@@ -8,11 +8,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from synthetic import made_up_null
 
-from jaxcalib.diagnosis.atlas import BASELINE, EffectTrial
-from jaxcalib.diagnosis.evidence import Explained, Signature
-from jaxcalib.diagnosis.features import DriveTallies
-from jaxcalib.diagnosis.place_search import SHORTEST_M, SHORTEST_S, neighbours, refine_places
-from jaxcalib.diagnosis.windows import Window
+from jaxcalib.diagnosis.features.features import DriveTallies
+from jaxcalib.diagnosis.features.signature import Signature
+from jaxcalib.diagnosis.features.windows import Window
+from jaxcalib.diagnosis.inference.atlas import EffectTrial
+from jaxcalib.diagnosis.inference.evidence import Explained
+from jaxcalib.diagnosis.inference.place_search import SHORTEST_M, SHORTEST_S, neighbours, refine_places
+from jaxcalib.diagnosis.runs.trials import BASELINE
 
 NULL = made_up_null()
 SIZE = len(NULL.cells)

@@ -8,18 +8,18 @@ from typing import cast
 import numpy as np
 import pytest
 
-from jaxcalib.calibration.budget import Budget
-from jaxcalib.calibration.confirmation import Confirmation
-from jaxcalib.calibration.evaluator import AllRunsFailedError, Evaluator
-from jaxcalib.calibration.seeds import SEEDS_PER_CALIBRATION
-from jaxcalib.calibration.two_stage import TwoStageResult
+from jaxcalib.calibration.confirmation.confirmation import Confirmation
+from jaxcalib.calibration.stages.budget import Budget
+from jaxcalib.calibration.stages.evaluator import AllRunsFailedError, Evaluator
+from jaxcalib.calibration.stages.two_stage import TwoStageResult
 from jaxcalib.calibration.value_search import SearchedValues
-from jaxcalib.diagnosis import recalibration
-from jaxcalib.diagnosis.recalibration import Recalibrator, WithEffects
+from jaxcalib.diagnosis.runs import recalibration
+from jaxcalib.diagnosis.runs.recalibration import Recalibrator, WithEffects
 from jaxcalib.initial_values.initial_point import InitialPoint
-from jaxcalib.journal import Journal
-from jaxcalib.problem import CalibrationProblem
-from jaxcalib.progress import Silent
+from jaxcalib.problem.problem import CalibrationProblem
+from jaxcalib.runs.journal import Journal
+from jaxcalib.runs.progress import Silent
+from jaxcalib.runs.seeds import SEEDS_PER_CALIBRATION
 from sim_adapters.interface import ParameterLayout, RunOutcome, RunRequest
 from surrogate.effects.base import EffectSetting
 

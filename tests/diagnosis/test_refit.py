@@ -6,15 +6,16 @@ import numpy as np
 import pytest
 from synthetic import made_up_null
 
-from jaxcalib.diagnosis.atlas import Slopes
-from jaxcalib.diagnosis.evidence import Explained, Signature, explain
-from jaxcalib.diagnosis.explained_runs import ExplainedRuns, moved_values
-from jaxcalib.diagnosis.features import DriveTallies
-from jaxcalib.diagnosis.investigation import Prepared
-from jaxcalib.diagnosis.ledger import parameter_shift
-from jaxcalib.diagnosis.refit import refit
-from jaxcalib.diagnosis.refitted_contest import contenders, with_refits
-from jaxcalib.diagnosis.windows import Window, window_of
+from jaxcalib.diagnosis.features.features import DriveTallies
+from jaxcalib.diagnosis.features.signature import Signature
+from jaxcalib.diagnosis.features.windows import Window, window_of
+from jaxcalib.diagnosis.inference.atlas import Slopes
+from jaxcalib.diagnosis.inference.evidence import Explained, explain
+from jaxcalib.diagnosis.inference.investigation import Prepared
+from jaxcalib.diagnosis.inference.ledger import parameter_shift
+from jaxcalib.diagnosis.inference.refit import refit
+from jaxcalib.diagnosis.inference.refitted_contest import contenders, with_refits
+from jaxcalib.diagnosis.runs.explained_runs import ExplainedRuns, moved_values
 
 NULL = made_up_null(num_features=60)
 SIZE = len(NULL.cells)

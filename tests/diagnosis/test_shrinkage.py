@@ -8,10 +8,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 from synthetic import made_up_null
 
-from jaxcalib.diagnosis.explained_runs import ExplainedRuns
-from jaxcalib.diagnosis.features import Cell, DriveTallies
-from jaxcalib.diagnosis.noise import FEWEST_EFFECTIVE_RUNS, NullModel, observed_cells
-from jaxcalib.diagnosis.shrinkage import FEWEST_DRIVES, Gap, differences_by_chance, floor_of_drives, measure_shrinkage
+from jaxcalib.diagnosis.features.features import Cell, DriveTallies
+from jaxcalib.diagnosis.features.noise import FEWEST_EFFECTIVE_RUNS, NullModel, observed_cells
+from jaxcalib.diagnosis.inference.shrinkage import (
+    FEWEST_DRIVES,
+    Gap,
+    differences_by_chance,
+    floor_of_drives,
+    measure_shrinkage,
+)
+from jaxcalib.diagnosis.runs.explained_runs import ExplainedRuns
 
 NULL = made_up_null(num_features=80)
 SIZE = len(NULL.cells)

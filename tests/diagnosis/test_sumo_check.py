@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from synthetic import made_up_null
 
-from jaxcalib.diagnosis.evidence import Signature, explain, explain_none
-from jaxcalib.diagnosis.features import DriveTallies
-from jaxcalib.diagnosis.sumo_check import check_in_sumo, corrected, measured_signature
+from jaxcalib.diagnosis.features.features import DriveTallies
+from jaxcalib.diagnosis.features.signature import Signature
+from jaxcalib.diagnosis.inference.evidence import explain, explain_none
+from jaxcalib.diagnosis.inference.sumo_check import check_in_sumo, corrected, measured_signature
 
 NULL = made_up_null()
 SIZE = len(NULL.cells)

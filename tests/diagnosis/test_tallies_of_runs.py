@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from jaxcalib.diagnosis.features import Cell, DriveTallies, TallyBook, gather_tallies, joined_tallies
+from jaxcalib.diagnosis.features.features import Cell, DriveTallies, TallyBook, gather_tallies, joined_tallies
 
 SPEED, GAP, NOISE = (Cell("closed_loop", name) for name in ("speed_mps", "gap_s", "noise"))
 

@@ -2,7 +2,7 @@
 
 from typing import Any, cast
 
-from jaxcalib.diagnosis.trials import Trial, TrialRunner
+from jaxcalib.diagnosis.runs.trials import Trial, TrialRunner
 from sim_adapters.interface import RunOutcome, RunRequest, Status
 
 DEPARTS_S = (300.0, 340.0, 380.0)

@@ -2,7 +2,7 @@
 
 import pytest
 
-from jaxcalib.cli import effects
+from jaxcalib.cli.app import effects
 from surrogate.effects.registry import EFFECTS
 
 

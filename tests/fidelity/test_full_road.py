@@ -8,10 +8,10 @@ import pytest
 
 from experiments.benchmarks.full_road import SPACING_M, end_m, filled, stretched, through_rows
 from sim_adapters.interface import ParameterLayout
-from sim_adapters.scenario import read_scenario
-from sim_adapters.world_builder import WorldTemplate, build_template
-from surrogate.course import RunPlan
-from surrogate.world import Clock
+from sim_adapters.scenario.scenario import read_scenario
+from sim_adapters.world.world_builder import WorldTemplate, build_template
+from surrogate.loop.course import RunPlan
+from surrogate.loop.world import Clock
 
 FOLDER = Path(__file__).parents[2] / "experiments/cases/corridor"
 

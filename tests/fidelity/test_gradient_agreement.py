@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from experiments.fidelity.gradients import Agreement, _compare
-from jaxcalib.calibration.moments import Moments
+from jaxcalib.calibration.objective.moments import Moments
 from jaxcalib.measures.measure import Level
 
 H = 0.04

@@ -9,7 +9,7 @@ from rich.console import Console
 
 from experiments.fidelity.__main__ import _show_insertion, _show_transfer
 from experiments.fidelity.transfer import LEVELS, Transfer, cases_of, transfer_of
-from jaxcalib.calibration.evaluator import Evaluations
+from jaxcalib.calibration.stages.evaluator import Evaluations
 from jaxcalib.measures.measure import Level, Measure
 
 NAMES = ("main", "tau", "lcAssertive")

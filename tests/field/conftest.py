@@ -9,10 +9,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from jaxcalib.case import Case, Drive, Perception, Scenario
-from jaxcalib.route_geometry import RouteGeometry, build_route_geometry
-from sim_adapters.road_builder import RowMap, lay_rows
-from sim_adapters.route_network import read_route_network
+from jaxcalib.case.case import Case, Drive, Perception, Scenario
+from jaxcalib.field.route_geometry import RouteGeometry, build_route_geometry
+from sim_adapters.scenario.road_builder import RowMap, lay_rows
+from sim_adapters.scenario.route_network import read_route_network
 
 LANE_WIDTH_M = 3.75
 # `a` has 3 lanes, `b` an acceleration lane on the right of them, `c` 3 lanes and a bend. The left border of the road

@@ -6,7 +6,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from numpy.typing import ArrayLike
 
-from jaxcalib.even_clock import EvenDrive, to_even_clock
+from jaxcalib.field.even_clock import EvenDrive, to_even_clock
 from sim_adapters.frame_table import ObjectTable, SubjectTable
 
 LONGEST_GAP_S = 1.05

@@ -10,12 +10,12 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from jaxcalib.case import Case
+from jaxcalib.case.case import Case
 from jaxcalib.errors import LONGEST_MESSAGE, CaseError
-from jaxcalib.field_log import DriveLog, read_drive, read_drives
-from jaxcalib.log_cleaning import CleaningRules
-from sim_adapters.road_builder import RowMap
-from surrogate.perception import NO_TRACK
+from jaxcalib.field.field_log import DriveLog, read_drive, read_drives
+from jaxcalib.field.log_cleaning import CleaningRules
+from sim_adapters.scenario.road_builder import RowMap
+from surrogate.road.perception import NO_TRACK
 
 Tables = tuple[pd.DataFrame, pd.DataFrame]
 LANE_WIDTH_M = 3.75

@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jaxcalib.log_cleaning import CleaningRules, CleanTracks, clean_tracks, rules_for
+from jaxcalib.field.log_cleaning import CleaningRules, CleanTracks, clean_tracks, rules_for
 
 RULES = CleaningRules()
 

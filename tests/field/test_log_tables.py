@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 from jaxcalib.errors import LONGEST_MESSAGE, CaseError
-from jaxcalib.log_tables import LANE_UNKNOWN, ObjectLog, SubjectLog, read_object_log, read_subject_log
+from jaxcalib.field.log_tables import LANE_UNKNOWN, ObjectLog, SubjectLog, read_object_log, read_subject_log
 
 SUBJECT = """\
 time_s,road,speed_limit_kmh,speed_kmh,yaw_rate_radps,longitude_rad,latitude_rad,acceleration_mps2,lane,lane_offset_m

@@ -9,17 +9,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from jaxcalib.errors import CaseError
-from jaxcalib.log_checks import refuse_lanes
-from jaxcalib.log_tables import LANE_UNKNOWN
-from jaxcalib.map_matching import (
+from jaxcalib.field.log_checks import refuse_lanes
+from jaxcalib.field.log_tables import LANE_UNKNOWN
+from jaxcalib.field.map_matching import (
     lane_centre_m,
     match_lanes,
     match_points,
     match_points_in_rows,
     project,
 )
-from jaxcalib.route_geometry import RouteGeometry, build_route_geometry
-from sim_adapters.road_builder import RowMap
+from jaxcalib.field.route_geometry import RouteGeometry, build_route_geometry
+from sim_adapters.scenario.road_builder import RowMap
 
 LANE_WIDTH_M = 3.75
 LANES = [("a", 0), ("a", 1), ("a", 2), ("b", 0), ("b", 1), ("b", 3), ("c", 0), ("c", 2)]

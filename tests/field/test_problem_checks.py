@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 from jaxcalib.errors import CaseError
-from jaxcalib.problem import read_problem
+from jaxcalib.problem.problem import read_problem
 
 CASE = Path(__file__).parents[2] / "experiments/cases/corridor"
 

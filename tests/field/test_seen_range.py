@@ -10,9 +10,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from jaxcalib.case import Perception
-from jaxcalib.problem import read_problem
-from jaxcalib.seen_range import FEWEST_ROWS, range_warnings, seen_perception
+from jaxcalib.case.case import Perception
+from jaxcalib.field.seen_range import FEWEST_ROWS, range_warnings, seen_perception
+from jaxcalib.problem.problem import read_problem
 
 CASE = Path(__file__).parents[2] / "experiments/cases/corridor"
 STATED = Perception(150.0, 120.0, 4.8)

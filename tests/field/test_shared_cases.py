@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from jaxcalib.case import read_case
-from jaxcalib.field_log import DriveLog, read_drive
-from jaxcalib.route_geometry import RouteGeometry, build_route_geometry
-from sim_adapters.road_builder import RowMap
+from jaxcalib.case.case import read_case
+from jaxcalib.field.field_log import DriveLog, read_drive
+from jaxcalib.field.route_geometry import RouteGeometry, build_route_geometry
+from sim_adapters.scenario.road_builder import RowMap
 
 SAMPLING_S = 0.1
 ALL_DRIVES, SOME_DRIVES = 99, 2

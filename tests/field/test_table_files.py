@@ -10,7 +10,7 @@ import pyarrow.parquet
 import pytest
 
 from jaxcalib.errors import LONGEST_MESSAGE, CaseError
-from jaxcalib.table_files import Kind, SizeLimit, read_columns, row_place
+from jaxcalib.field.table_files import Kind, SizeLimit, read_columns, row_place
 
 COLUMNS: Mapping[str, Kind] = {"time_s": "number", "id": "text", "x_m": "number"}
 

@@ -14,7 +14,7 @@ from jaxcalib.measures.observed_road import ObservedRoad
 from jaxcalib.measures.registry import all_measures
 from jaxcalib.measures.scene import MeasureSettings
 from jaxcalib.measures.whole_drive import WholeDriveFold
-from surrogate.perception import PerceptionFrame
+from surrogate.road.perception import PerceptionFrame
 
 sys.path.insert(0, str(Path(__file__).parent))
 

@@ -7,7 +7,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from surrogate.perception import NO_TRACK, PerceptionFrame
+from surrogate.road.perception import NO_TRACK, PerceptionFrame
 
 AHEAD_M, BEHIND_M = 100.0, 60.0
 NUM_PLACES = 32

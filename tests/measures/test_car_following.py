@@ -9,7 +9,7 @@ from hand_made import EGO, Car, drive, instant
 from jaxcalib.measures.car_following import HEADWAY_BORDER_S
 from jaxcalib.measures.measure import MeasureValue
 from sim_adapters.frame_table import ObjectTable, SubjectTable, stack_frames
-from surrogate.perception import PerceptionFrame
+from surrogate.road.perception import PerceptionFrame
 
 Count = Callable[[PerceptionFrame], dict[str, float]]
 MeasureOf = Callable[[PerceptionFrame, str], MeasureValue]

@@ -11,7 +11,7 @@ from hand_made import EGO, NUM_PLACES, Car, drive, instant, random_drive
 from jaxcalib.measures.drive_tally import DriveTally
 from jaxcalib.measures.measure import Measure
 from sim_adapters.frame_table import ObjectTable, SubjectTable, stack_frames
-from surrogate.perception import NO_TRACK, PerceptionFrame
+from surrogate.road.perception import NO_TRACK, PerceptionFrame
 
 Count = Callable[[PerceptionFrame], dict[str, float]]
 

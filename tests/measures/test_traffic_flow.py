@@ -8,7 +8,7 @@ from hand_made import EGO, Car, drive, instant
 
 from jaxcalib.measures.measure import MeasureValue
 from jaxcalib.measures.observed_road import ObservedRoad
-from surrogate.perception import PerceptionFrame
+from surrogate.road.perception import PerceptionFrame
 
 Count = Callable[[PerceptionFrame], dict[str, float]]
 MeasureOf = Callable[[PerceptionFrame, str], MeasureValue]

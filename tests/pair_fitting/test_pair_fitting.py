@@ -11,7 +11,7 @@ from jaxcalib.errors import CaseError
 from jaxcalib.pair_fitting.fit import fit_pairs, mixed_errors
 from jaxcalib.pair_fitting.recorded_pairs import STEP_S, RecordedPair, read_pairs
 from surrogate.car_following.registry import car_following_model
-from surrogate.replay import ReplayStart, replay
+from surrogate.car_following.replay import ReplayStart, replay
 
 TRUTH = {
     "idm": {

@@ -12,7 +12,7 @@ from experiments.paper.figures import all_figures
 from experiments.paper.report import write_report
 from experiments.paper.study import STUDY_FILE, read_study
 from experiments.paper.trial import TRIAL_FILE, Trial, read_trial, table_of, trial_json
-from jaxcalib.calibration.accuracy import MEASURE_OF, VEHICLE_LEVEL
+from jaxcalib.calibration.objective.accuracy import MEASURE_OF, VEHICLE_LEVEL
 from jaxcalib.errors import CaseError
 
 LEVEL = {"no_calibration": 0.4, "state_of_the_art": 0.3, "printed": 0.2, "improved": 0.1}

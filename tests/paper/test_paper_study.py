@@ -18,11 +18,11 @@ from experiments.paper.methods import ABLATIONS, IMPROVED, PRINTED, settings_of
 from experiments.paper.study import StudyPlan, read_study, run_study
 from experiments.paper.trial import Trial
 from experiments.paper.trial_runs import Found
-from jaxcalib.calibration.accuracy import MEASURE_OF
-from jaxcalib.calibration.evaluator import AllRunsFailedError, Evaluator
+from jaxcalib.calibration.objective.accuracy import MEASURE_OF
+from jaxcalib.calibration.stages.evaluator import AllRunsFailedError, Evaluator
 from jaxcalib.errors import CaseError
-from jaxcalib.progress import Silent
-from jaxcalib.settings import Settings
+from jaxcalib.problem.settings import Settings
+from jaxcalib.runs.progress import Silent
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "calibration"))
 from toy import SPACE, TRUTH, ToySimulator, toy_objective

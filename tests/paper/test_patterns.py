@@ -11,10 +11,10 @@ import pytest
 from experiments.paper import patterns
 from experiments.paper.drive_writer import write_drives
 from experiments.paper.patterns import DEMANDS, HELD_OUT_FACTOR, prepare_pattern, true_values
-from jaxcalib.case import read_case
-from jaxcalib.engines import sumo_engine
+from jaxcalib.case.case import read_case
 from jaxcalib.errors import CaseError
-from jaxcalib.problem import CalibrationProblem, read_problem
+from jaxcalib.problem.engines import sumo_engine
+from jaxcalib.problem.problem import CalibrationProblem, read_problem
 from sim_adapters.interface import RunRequest
 
 CORRIDOR = Path(__file__).parents[2] / "experiments" / "cases" / "corridor"

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from jaxcalib.calibration.accuracy import TRAFFIC_LEVEL, VEHICLE_LEVEL
+from jaxcalib.calibration.objective.accuracy import TRAFFIC_LEVEL, VEHICLE_LEVEL
 
 CASE = Path(__file__).parents[2] / "experiments" / "cases" / "corridor"
 BUDGET = "0.05"
@@ -113,8 +113,8 @@ def test_a_run_that_was_killed_gives_the_result_it_would_have_given(
 
 def test_the_scenario_handed_over_runs_in_plain_sumo_bit_for_bit_like_the_confirming_run(out: Path, tmp_path: Path):
     """Both write positions of all vehicles with the same seed; the confirming run writes its files itself."""
-    from jaxcalib.problem import read_problem
-    from sim_adapters.scenario_writer import write_scenario
+    from jaxcalib.problem.problem import read_problem
+    from sim_adapters.scenario.scenario_writer import write_scenario
 
     values = json.loads((out / "result.json").read_text())["parameters"]
     problem = read_problem(CASE)

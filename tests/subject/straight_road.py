@@ -7,19 +7,19 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from sim_adapters.sumo_names import attribute_values, vehicle_class
-from sim_adapters.sumo_surroundings import Surroundings, vehicle_arrays
-from surrogate.kinematics import move
-from surrogate.lane_change.base import STAY
+from sim_adapters.scenario.sumo_names import attribute_values, vehicle_class
+from sim_adapters.sumo.surroundings import Surroundings, vehicle_arrays
 from surrogate.lane_change.place import Place
-from surrogate.neighbours import own_leader
-from surrogate.road import Road
-from surrogate.step import look_up_lane
+from surrogate.loop.kinematics import move
+from surrogate.loop.step import look_up_lane
+from surrogate.road.neighbours import own_leader
+from surrogate.road.road import Road
+from surrogate.road.traffic_state import VehicleArrays, with_changes
 from surrogate.subject.planner import Plan, Planner, plan
 from surrogate.subject.registry import SubjectModel
 from surrogate.subject.view import SubjectView, look_around
-from surrogate.traffic_state import VehicleArrays, with_changes
-from surrogate.vehicle_class import VehicleClass
+from surrogate.vehicle.lane_change_model import STAY
+from surrogate.vehicle.vehicle_class import VehicleClass
 
 STEP_S, STEPS_PER_PLAN = 0.1, 10
 LIMIT_MPS, LENGTH_M = 21.0, 4.6

@@ -13,19 +13,19 @@ import numpy as np
 import pytest
 
 from sim_adapters.interface import ParameterLayout, RunRequest
-from sim_adapters.scenario import Scenario, read_scenario
-from sim_adapters.sumo_driver import subject_control
-from sim_adapters.sumo_simulator import SensorRange, SumoSimulator
-from sim_adapters.sumo_surroundings import Surroundings, vehicle_arrays
-from sim_adapters.sumo_worker import SumoRun
-from sim_adapters.world_builder import WorldTemplate, build_template
-from surrogate.course import RunPlan
+from sim_adapters.scenario.scenario import Scenario, read_scenario
+from sim_adapters.sumo.driver import subject_control
+from sim_adapters.sumo.job import SumoRun
+from sim_adapters.sumo.simulator import SensorRange, SumoSimulator
+from sim_adapters.sumo.surroundings import Surroundings, vehicle_arrays
+from sim_adapters.world.world_builder import WorldTemplate, build_template
 from surrogate.lane_change.place import Place
-from surrogate.moving import move_on
-from surrogate.step import initial_state, look_up_lane, settle_lanes
+from surrogate.loop.course import RunPlan
+from surrogate.loop.moving import move_on
+from surrogate.loop.step import initial_state, look_up_lane, settle_lanes
+from surrogate.loop.world import Clock, World
+from surrogate.road.traffic_state import TrafficState, with_changes
 from surrogate.subject.registry import SubjectModel
-from surrogate.traffic_state import TrafficState, with_changes
-from surrogate.world import Clock, World
 
 pytestmark = pytest.mark.long
 

@@ -9,22 +9,22 @@ import numpy as np
 import pytest
 
 from sim_adapters.interface import ParameterLayout, RunRequest
-from sim_adapters.scenario import read_scenario
-from sim_adapters.sumo_driver import subject_control
-from sim_adapters.sumo_surroundings import Surroundings, vehicle_arrays
-from sim_adapters.world_builder import WorldTemplate, build_template
+from sim_adapters.scenario.scenario import read_scenario
+from sim_adapters.sumo.driver import subject_control
+from sim_adapters.sumo.surroundings import Surroundings, vehicle_arrays
+from sim_adapters.world.world_builder import WorldTemplate, build_template
 from surrogate.effects.apply import NUM_CLASSES_OF_EFFECTS, with_memories
 from surrogate.effects.base import EffectSetting
 from surrogate.effects.registry import EFFECTS
 from surrogate.effects.settings import Effects, settings_table
-from surrogate.inflow import subject_identity
-from surrogate.lane_change.base import STAY
-from surrogate.moving import move_on
-from surrogate.step import initial_state, settle_lanes
+from surrogate.inflow.inflow import subject_identity
+from surrogate.loop.moving import move_on
+from surrogate.loop.step import initial_state, settle_lanes
+from surrogate.loop.world import Clock, World
+from surrogate.road.traffic_state import TrafficState, with_changes
 from surrogate.subject.following import SubjectFollowing
 from surrogate.subject.registry import SubjectModel
-from surrogate.traffic_state import TrafficState, with_changes
-from surrogate.world import Clock, World
+from surrogate.vehicle.lane_change_model import STAY
 
 CASE = Path(__file__).resolve().parents[2] / "experiments/cases/corridor"
 LAYOUT = ParameterLayout(("main",), (("f_main_o1", "f_main_e"),), ("car",), ("tau",))

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from straight_road import LENGTH_M, LIMIT_MPS, STEP_S, _plan, classes_of, followed, merged, planned
 
-from surrogate.lane_change.base import LEFT, RIGHT, STAY
 from surrogate.subject import rollout
 from surrogate.subject.planner import ACCELERATIONS_MPS2, FORBIDDEN, MANOEUVRES
 from surrogate.subject.registry import SubjectModel
+from surrogate.vehicle.lane_change_model import LEFT, RIGHT, STAY
 
 PLANNER = SubjectModel("planner")
 

@@ -9,20 +9,20 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxcalib.engines import sumo_engine
-from jaxcalib.problem import CalibrationProblem, read_problem
+from jaxcalib.problem.engines import sumo_engine
+from jaxcalib.problem.problem import CalibrationProblem, read_problem
 from sim_adapters.interface import RunRequest
-from sim_adapters.logged_drive import LoggedDrive, choose, replay_of, resample
-from surrogate.course import RunPlan
+from sim_adapters.world.logged_drive import LoggedDrive, choose, replay_of, resample
 from surrogate.effects.base import EffectSetting
 from surrogate.effects.registry import EFFECTS
 from surrogate.effects.settings import Effects, settings_table
-from surrogate.moving import move_on
-from surrogate.perception import Sensor, perceive
-from surrogate.step import initial_state, settle_lanes
-from surrogate.subject.replay import overlaps
-from surrogate.traffic_state import TrafficState, empty_vehicles, with_changes
-from surrogate.world import Clock, World
+from surrogate.loop.course import RunPlan
+from surrogate.loop.moving import move_on
+from surrogate.loop.step import initial_state, settle_lanes
+from surrogate.loop.world import Clock, World
+from surrogate.road.perception import Sensor, perceive
+from surrogate.road.traffic_state import TrafficState, empty_vehicles, with_changes
+from surrogate.subject.logged_drive import overlaps
 
 CASE = Path(__file__).resolve().parents[2] / "experiments/cases/corridor"
 STEP_S = 0.1

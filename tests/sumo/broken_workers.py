@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sim_adapters.sumo_worker import SumoJob, SumoRun
+from sim_adapters.sumo.job import SumoJob, SumoRun
 
 
 def tries_of(job: SumoJob) -> Path:

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from jaxcalib.problem import CalibrationProblem, read_problem
+from jaxcalib.problem.problem import CalibrationProblem, read_problem
 from sim_adapters.interface import ParameterLayout
-from sim_adapters.scenario import Scenario, read_scenario
+from sim_adapters.scenario.scenario import Scenario, read_scenario
 
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE))  # for the tests, and for worker processes, which inherit it

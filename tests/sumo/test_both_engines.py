@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from jaxcalib.engines import sumo_engine, surrogate_engine
-from jaxcalib.problem import CalibrationProblem
+from jaxcalib.problem.engines import sumo_engine, surrogate_engine
+from jaxcalib.problem.problem import CalibrationProblem
 from sim_adapters.interface import RunOutcome, RunRequest, Simulator, Status
 
 pytestmark = pytest.mark.long

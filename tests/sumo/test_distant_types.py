@@ -8,11 +8,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from jaxcalib.engines import sumo_engine, surrogate_engine
 from jaxcalib.errors import CaseError
-from jaxcalib.problem import CalibrationProblem, read_problem
+from jaxcalib.problem.engines import sumo_engine, surrogate_engine
+from jaxcalib.problem.problem import CalibrationProblem, read_problem
 from sim_adapters.interface import RunOutcome, RunRequest
-from sim_adapters.sumo_distant import DistantTypes, TypeSwitch
+from sim_adapters.sumo.distant import DistantTypes, TypeSwitch
 
 ALIKE = 'id="far" vClass="passenger" length="4.8" carFollowModel="IDM" accel="2.6" decel="4.5" tau="1.0" minGap="2.5" '
 ALIKE += 'delta="4" speedFactor="1.0" speedDev="0.1"'

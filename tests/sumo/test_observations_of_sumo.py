@@ -16,12 +16,12 @@ import pandas as pd
 import pytest
 import sumolib
 
-from jaxcalib.engines import sumo_engine
-from jaxcalib.problem import CalibrationProblem
+from jaxcalib.problem.engines import sumo_engine
+from jaxcalib.problem.problem import CalibrationProblem
 from sim_adapters.interface import RunOutcome, RunRequest, Status
-from sim_adapters.scenario_writer import write_scenario
-from sim_adapters.sumo_worker import SumoRun
-from surrogate.perception import PerceptionFrame
+from sim_adapters.scenario.scenario_writer import write_scenario
+from sim_adapters.sumo.job import SumoRun
+from surrogate.road.perception import PerceptionFrame
 
 pytestmark = pytest.mark.long
 

@@ -7,13 +7,13 @@ from pathlib import Path
 
 import pytest
 
-from sim_adapters import sumo_files
 from sim_adapters.errors import ScenarioError
 from sim_adapters.interface import ParameterLayout
-from sim_adapters.scenario import Scenario, read_scenario
-from sim_adapters.scenario_writer import write_scenario
-from sim_adapters.sumo_files import read_configuration, read_xml
-from sim_adapters.world_builder import build_template
+from sim_adapters.scenario import sumo_files
+from sim_adapters.scenario.scenario import Scenario, read_scenario
+from sim_adapters.scenario.scenario_writer import write_scenario
+from sim_adapters.scenario.sumo_files import read_configuration, read_xml
+from sim_adapters.world.world_builder import build_template
 
 CONFIG, DEMAND, NET = "scenario.sumocfg", "demand.rou.xml", "net.net.xml"
 DOCTYPE = '<!DOCTYPE r [<!ENTITY a "aaaa"><!ENTITY b "&a;&a;">]>'

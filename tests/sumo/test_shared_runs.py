@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from sim_adapters.interface import ParameterLayout, RunOutcome, RunRequest, Status
-from sim_adapters.scenario import Scenario
+from sim_adapters.scenario.scenario import Scenario
 from sim_adapters.shared_runs import departures_apart, departures_s, shared_runs, subject_names
-from sim_adapters.sumo_distant import DistantTypes
-from sim_adapters.sumo_simulator import SensorRange, SumoSimulator
+from sim_adapters.sumo.distant import DistantTypes
+from sim_adapters.sumo.simulator import SensorRange, SumoSimulator
 
 VALUES = (1500.0, 300.0, 1.2, 1.0, 0.1, 1.0)
 SEED, FIRST_S, SECOND_S, END_S = 5, 60.0, 90.0, 150.0

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from sim_adapters.interface import ParameterLayout
-from sim_adapters.scenario import Scenario
-from sim_adapters.scenario_writer import WrittenScenario, write_scenario
-from sim_adapters.sumo_effects import EXPRESSIBLE, NotExpressibleError, is_expressible
+from sim_adapters.scenario.scenario import Scenario
+from sim_adapters.scenario.scenario_writer import WrittenScenario, write_scenario
+from sim_adapters.scenario.sumo_effects import EXPRESSIBLE, NotExpressibleError, is_expressible
 from surrogate.effects.base import EffectSetting
 from surrogate.effects.registry import effect_named
 

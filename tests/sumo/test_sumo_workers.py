@@ -10,12 +10,12 @@ import broken_workers
 import numpy as np
 import pytest
 
-from sim_adapters import sumo_simulator
 from sim_adapters.interface import ParameterLayout, RunOutcome, RunRequest, Status
-from sim_adapters.scenario import Scenario
-from sim_adapters.scenario_writer import WrittenScenario, write_scenario
-from sim_adapters.sumo_simulator import SensorRange, SumoSimulator
-from sim_adapters.sumo_worker import SumoJob, SumoRun
+from sim_adapters.scenario.scenario import Scenario
+from sim_adapters.scenario.scenario_writer import WrittenScenario, write_scenario
+from sim_adapters.sumo import simulator as sumo_simulator
+from sim_adapters.sumo.job import SumoJob, SumoRun
+from sim_adapters.sumo.simulator import SensorRange, SumoSimulator
 
 Run = Callable[..., list[RunOutcome]]
 
@@ -138,8 +138,8 @@ def test_a_script_without_a_guard_is_told_what_to_do(corridor_folder: Path, tmp_
     script = tmp_path / "script.py"
     script.write_text(
         f"""
-from jaxcalib.engines import sumo_engine
-from jaxcalib.problem import read_problem
+from jaxcalib.problem.engines import sumo_engine
+from jaxcalib.problem.problem import read_problem
 from sim_adapters.interface import RunRequest
 
 problem = read_problem({str(corridor_folder)!r})

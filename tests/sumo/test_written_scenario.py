@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from sim_adapters.interface import ParameterLayout
-from sim_adapters.scenario import Scenario, read_scenario
-from sim_adapters.scenario_writer import WrittenScenario, flow_rates_vehps, write_scenario
-from sim_adapters.world_builder import build_template
+from sim_adapters.scenario.scenario import Scenario, read_scenario
+from sim_adapters.scenario.scenario_writer import WrittenScenario, flow_rates_vehps, write_scenario
+from sim_adapters.world.world_builder import build_template
 
 VALUES = (2750.0, 640.0, 1.3, 1.07, 0.14, 3.5)
 DEPART_S = 24.0

@@ -8,13 +8,13 @@ import jax.numpy as jnp
 import pytest
 
 from sim_adapters.interface import ParameterLayout
-from sim_adapters.scenario import Scenario, read_scenario
-from sim_adapters.world_builder import WorldTemplate, build_template
+from sim_adapters.scenario.scenario import Scenario, read_scenario
+from sim_adapters.world.world_builder import WorldTemplate, build_template
 from surrogate.effects.settings import Effects
-from surrogate.moving import move_on
-from surrogate.step import initial_state, settle_lanes
-from surrogate.traffic_state import TrafficState
-from surrogate.world import Clock, World
+from surrogate.loop.moving import move_on
+from surrogate.loop.step import initial_state, settle_lanes
+from surrogate.loop.world import Clock, World
+from surrogate.road.traffic_state import TrafficState
 
 CAPACITY = 288
 CLOCK = Clock(step_s=0.1, steps_per_decision=10)

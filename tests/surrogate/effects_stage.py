@@ -13,12 +13,12 @@ from surrogate.car_following.idm import Idm
 from surrogate.effects.apply import classes_with_effects, with_memories
 from surrogate.effects.base import EffectSetting, Moment
 from surrogate.effects.settings import Effects, settings_table
-from surrogate.kinematics import move
 from surrogate.lane_change.lc2013 import Lc2013
-from surrogate.neighbours import own_leader, second_leader
-from surrogate.perception import NO_TRACK, PerceptionFrame
-from surrogate.traffic_state import HEAD, VehicleArrays, empty_vehicles, with_changes
-from surrogate.vehicle_class import VehicleClass
+from surrogate.loop.kinematics import move
+from surrogate.road.neighbours import own_leader, second_leader
+from surrogate.road.perception import NO_TRACK, PerceptionFrame
+from surrogate.road.traffic_state import HEAD, VehicleArrays, empty_vehicles, with_changes
+from surrogate.vehicle.vehicle_class import VehicleClass
 
 STEP_S = 0.1
 S0, T, A, B, V0, LENGTH = 2.1, 1.3, 1.45, 1.9, 26.0, 4.8

@@ -4,9 +4,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from surrogate.lane_change.base import RouteNeed, Side
 from surrogate.lane_change.gap_acceptance import Ego
 from surrogate.lane_change.mobil import OldFollower
+from surrogate.vehicle.lane_change_model import RouteNeed, Side
 
 Neighbour = tuple[float, float] | None  # gap, bumper to bumper, and speed
 

@@ -8,10 +8,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from surrogate.car_following.base import CarFollowingModel, FollowingSituation
 from surrogate.car_following.registry import CAR_FOLLOWING_MODELS
-from surrogate.model_entry import ModelEntry
-from surrogate.replay import ReplayStart, ReplayState, replay
+from surrogate.car_following.replay import ReplayStart, ReplayState, replay
+from surrogate.vehicle.car_following_model import CarFollowingModel, FollowingSituation
+from surrogate.vehicle.model_entry import ModelEntry
 
 STEP_S = 0.1
 ROUNDING = 1e-4

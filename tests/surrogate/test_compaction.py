@@ -2,7 +2,7 @@ import jax
 import numpy as np
 import pytest
 
-from surrogate.compaction import first_true
+from surrogate.xla.compaction import first_true
 
 SIZE = 9
 choose = jax.jit(first_true, static_argnums=1)

@@ -9,7 +9,7 @@ from surrogate.lane_change.cooperation import requests
 from surrogate.lane_change.gap_acceptance import Blocked
 from surrogate.lane_change.registry import lane_change_model
 from surrogate.lane_change.surroundings import following_of
-from surrogate.vehicle_class import VehicleClass
+from surrogate.vehicle.vehicle_class import VehicleClass
 
 LENGTH, JAM_GAP, TIME_GAP, ACCELERATION, DECELERATION, DESIRED, STEP_S = 4.8, 1.6, 1.1, 1.7, 3.1, 21.0, 0.1
 

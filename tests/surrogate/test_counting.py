@@ -3,7 +3,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from surrogate.counting import BLOCK, running_count
+from surrogate.xla.counting import BLOCK, running_count
 
 
 @settings(max_examples=30, deadline=None)

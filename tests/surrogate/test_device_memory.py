@@ -6,15 +6,15 @@ import jax
 import jax.numpy as jnp
 import pytest
 
-from jaxcalib.guarded import EXIT_RESOURCE, guarded
-from sim_adapters import device_memory
-from sim_adapters.device_memory import check_memory, device_memory_bytes
+from jaxcalib.cli.guarded import EXIT_RESOURCE, guarded
 from sim_adapters.errors import TooLargeBatchError
 from sim_adapters.interface import RunRequest
-from sim_adapters.jax_simulator import JaxSimulator
-from sim_adapters.world_builder import WorldTemplate
-from surrogate.perception import Sensor
-from surrogate.world import Clock
+from sim_adapters.jax import device_memory
+from sim_adapters.jax.device_memory import check_memory, device_memory_bytes
+from sim_adapters.jax.simulator import JaxSimulator
+from sim_adapters.world.world_builder import WorldTemplate
+from surrogate.loop.world import Clock
+from surrogate.road.perception import Sensor
 from tests.surrogate.test_jax_simulator import Diary
 
 

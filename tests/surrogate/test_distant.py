@@ -11,12 +11,12 @@ import pytest
 
 from sim_adapters.errors import ScenarioError
 from sim_adapters.interface import ParameterLayout
-from sim_adapters.scenario import Scenario, read_scenario
-from sim_adapters.world_builder import WorldTemplate, build_template
+from sim_adapters.scenario.scenario import Scenario, read_scenario
+from sim_adapters.world.world_builder import WorldTemplate, build_template
 from surrogate.car_following.idm import Idm
 from surrogate.car_following.wiedemann99 import Wiedemann99Sumo
-from surrogate.traffic_state import TrafficState
-from surrogate.world import World
+from surrogate.loop.world import World
+from surrogate.road.traffic_state import TrafficState
 
 AHEAD_M, BEHIND_M = 150.0, 90.0
 DEPART_S = 40

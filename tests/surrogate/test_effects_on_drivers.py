@@ -18,13 +18,13 @@ from effects_stage import (
     platoon,
 )
 
-from surrogate.car_following.habits import Habits
 from surrogate.effects.base import EffectSetting
 from surrogate.effects.driver_heterogeneity import DRIVER_HETEROGENEITY
 from surrogate.effects.lane_change_relaxation import LANE_CHANGE_RELAXATION
 from surrogate.effects.reaction_delay import acts_now
 from surrogate.effects.registry import EFFECT_NAMES
-from surrogate.traffic_state import with_changes
+from surrogate.road.traffic_state import with_changes
+from surrogate.vehicle.habits import Habits
 
 FAR = [49000.0, 41000.0, 33000.0, 25000.0, 17000.0, 9000.0]  # no vehicle sees another
 LEADER, SUBJECT = 1, 6

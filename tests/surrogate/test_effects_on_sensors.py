@@ -9,7 +9,7 @@ from effects_stage import SEED, effects_of, frame_of
 from surrogate.effects.apply import sense_drive
 from surrogate.effects.base import EffectSetting
 from surrogate.effects.lane_change_duration import LANE_CHANGE_DURATION, LANE_WIDTH_M
-from surrogate.perception import NO_TRACK, PerceptionFrame, in_order
+from surrogate.road.perception import NO_TRACK, PerceptionFrame, in_order
 
 SPEEDS = {3: 17.0, 8: 22.5, 5: 19.0, 1: 25.0}
 START = {3: 61.0, 8: -20.0, 5: 4.0, 1: -95.0}

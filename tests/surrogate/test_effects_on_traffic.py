@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from effects_stage import B, classes_of, effects_of, idm_class, moment_of, platoon
 
-from sim_adapters.world_builder import WorldTemplate
+from sim_adapters.world.world_builder import WorldTemplate
 from surrogate.car_following.idm import Idm
 from surrogate.effects.apply import NUM_CLASSES_OF_EFFECTS, true_newcomers
 from surrogate.effects.base import Arrivals, EffectSetting, Newcomers
@@ -18,10 +18,10 @@ from surrogate.effects.platooned_arrivals import PLATOONED_ARRIVALS
 from surrogate.effects.registry import effect_named
 from surrogate.effects.rubbernecking import RUBBERNECKING
 from surrogate.keyed_random import Purpose, exponential
-from surrogate.lane_change.base import LEFT, RIGHT, STAY, LaneChangeDecision
 from surrogate.lane_change.lc2013 import Lc2013
-from surrogate.road import Road
-from surrogate.traffic_state import VehicleArrays, with_changes
+from surrogate.road.road import Road
+from surrogate.road.traffic_state import VehicleArrays, with_changes
+from surrogate.vehicle.lane_change_model import LEFT, RIGHT, STAY, LaneChangeDecision
 
 SEED = jnp.asarray(9)
 POSITIONS = [1500.0, 1450.0, 1390.0, 1300.0, 1200.0, 900.0]

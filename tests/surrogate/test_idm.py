@@ -5,8 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from surrogate.car_following.base import FollowingSituation
 from surrogate.car_following.idm import Idm
+from surrogate.vehicle.car_following_model import FollowingSituation
 
 S0, T, A, B, DELTA = 2.2, 1.35, 1.4, 2.1, 3.7
 

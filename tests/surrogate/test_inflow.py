@@ -8,10 +8,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from surrogate.inflow import ENTRANCE_STRIDE, arrive
-from surrogate.step import initial_state
-from surrogate.traffic_state import TrafficState
-from surrogate.world import World
+from surrogate.inflow.inflow import ENTRANCE_STRIDE, arrive
+from surrogate.loop.step import initial_state
+from surrogate.loop.world import World
+from surrogate.road.traffic_state import TrafficState
 
 NEVER_S = 1e6
 INTERVAL_S = 1.0

@@ -8,12 +8,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from sim_adapters import jax_simulator
 from sim_adapters.interface import RunOutcome, RunRequest, Status
-from sim_adapters.jax_simulator import JaxSimulator, usual_runs_per_device
-from sim_adapters.world_builder import WorldTemplate
-from surrogate.perception import PerceptionFrame, Sensor
-from surrogate.world import Clock
+from sim_adapters.jax import simulator as jax_simulator
+from sim_adapters.jax.simulator import JaxSimulator, usual_runs_per_device
+from sim_adapters.world.world_builder import WorldTemplate
+from surrogate.loop.world import Clock
+from surrogate.road.perception import PerceptionFrame, Sensor
 
 pytestmark = pytest.mark.long
 

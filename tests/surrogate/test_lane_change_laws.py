@@ -10,14 +10,14 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from surrogate.inflow import ENTRANCE_STRIDE
-from surrogate.lane_change.base import LaneChangeModel, Reason
+from surrogate.inflow.inflow import ENTRANCE_STRIDE
 from surrogate.lane_change.decide import decide
 from surrogate.lane_change.place import Place
 from surrogate.lane_change.registry import LANE_CHANGE_MODELS, lane_change_model
-from surrogate.model_entry import ModelEntry, ParameterRangeError, UnknownModelError
-from surrogate.traffic_state import TrafficState
-from surrogate.world import World
+from surrogate.loop.world import World
+from surrogate.road.traffic_state import TrafficState
+from surrogate.vehicle.lane_change_model import LaneChangeModel, Reason
+from surrogate.vehicle.model_entry import ModelEntry, ParameterRangeError, UnknownModelError
 
 LENGTH_M = 4.8  # of all vehicles of the corridor
 NUM_DECISIONS = 240

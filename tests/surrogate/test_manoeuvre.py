@@ -7,12 +7,12 @@ import jax
 import numpy as np
 import pytest
 
-from surrogate.lane_change.base import STAY
 from surrogate.lane_change.manoeuvre import ChangeTiming, change_timing
-from surrogate.moving import move_on
-from surrogate.step import initial_state, settle_lanes
-from surrogate.traffic_state import TrafficState
-from surrogate.world import Clock, World
+from surrogate.loop.moving import move_on
+from surrogate.loop.step import initial_state, settle_lanes
+from surrogate.loop.world import Clock, World
+from surrogate.road.traffic_state import TrafficState
+from surrogate.vehicle.lane_change_model import STAY
 
 LENGTH_M = 4.8  # of all vehicles of the corridor
 CAPACITY = 288

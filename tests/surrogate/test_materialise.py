@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from surrogate.materialise import compiler_options, materialise
+from surrogate.xla.materialise import compiler_options, materialise
 
 START = jnp.asarray([0.3, -1.7, 2.9], jnp.float32)
 

@@ -11,16 +11,16 @@ import pytest
 from lane_scene import lane_scene
 
 from surrogate.car_following.idm import Idm
-from surrogate.lane_change.base import LaneChangeModel, Reason
 from surrogate.lane_change.decide import decide
 from surrogate.lane_change.lc2013 import Lc2013
 from surrogate.lane_change.mobil import Appraisal, Mobil, appraise
 from surrogate.lane_change.place import Place
 from surrogate.lane_change.surroundings import following_of
-from surrogate.step import initial_state
-from surrogate.traffic_state import TrafficState
-from surrogate.vehicle_class import VehicleClass
-from surrogate.world import World
+from surrogate.loop.step import initial_state
+from surrogate.loop.world import World
+from surrogate.road.traffic_state import TrafficState
+from surrogate.vehicle.lane_change_model import LaneChangeModel, Reason
+from surrogate.vehicle.vehicle_class import VehicleClass
 
 STEP_S = 0.1
 S0, T, A, B, LENGTH = 2.0, 1.5, 1.4, 2.0, 4.6

@@ -3,8 +3,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from surrogate.neighbours import entry_ahead, neighbour_at, own_leader, take
-from surrogate.traffic_state import EMPTY, HEAD, VehicleArrays, empty_vehicles
+from surrogate.road.neighbours import entry_ahead, neighbour_at, own_leader
+from surrogate.road.traffic_state import EMPTY, HEAD, VehicleArrays, empty_vehicles
+from surrogate.xla.gather import take
 
 CAPACITY = 61
 NUM_ROWS = 4

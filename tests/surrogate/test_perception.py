@@ -8,9 +8,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from surrogate.perception import NO_TRACK, PerceptionFrame, Sensor, perceive
-from surrogate.traffic_state import TrafficState
-from surrogate.world import World
+from surrogate.loop.world import World
+from surrogate.road.perception import NO_TRACK, PerceptionFrame, Sensor, perceive
+from surrogate.road.traffic_state import TrafficState
 
 AHEAD_M, BEHIND_M = 130.0, 85.0
 SUBJECT_CLASS = 1

@@ -4,7 +4,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from sim_adapters.world_builder import WorldTemplate
+from sim_adapters.world.world_builder import WorldTemplate
 from surrogate.lane_change.place import NO_ROW, Guide, guide_table
 
 

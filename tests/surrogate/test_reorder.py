@@ -7,8 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from surrogate.reorder import Moves, Order, new_order, rearrange
-from surrogate.traffic_state import EMPTY, HEAD, VehicleArrays, empty_vehicles
+from surrogate.road.reorder import Moves, Order, new_order, rearrange
+from surrogate.road.traffic_state import EMPTY, HEAD, VehicleArrays, empty_vehicles
 
 CAPACITY = 44
 NUM_ROWS = 4

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from surrogate.car_following.idm import Idm
-from surrogate.replay import ReplayStart, ReplayState, replay
+from surrogate.car_following.replay import ReplayStart, ReplayState, replay
 
 STEP_S = 0.1
 NUM_STEPS = 260

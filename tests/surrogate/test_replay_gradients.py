@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from surrogate.car_following.registry import CAR_FOLLOWING_MODELS
-from surrogate.model_entry import ModelEntry
-from surrogate.replay import ReplayStart, replay
+from surrogate.car_following.replay import ReplayStart, replay
+from surrogate.vehicle.model_entry import ModelEntry
 
 STEP_S = 0.1
 TIME_S = STEP_S * np.arange(200)

@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sim_adapters.run_queue import Going, RunQueue
+from sim_adapters.jax.run_queue import Going, RunQueue
 
 
 def drive(durations: list[int], batch: int) -> list[list[tuple[int, int]]]:

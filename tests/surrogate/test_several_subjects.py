@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from sim_adapters.interface import RunOutcome, RunRequest, Status
-from sim_adapters.jax_simulator import JaxSimulator
-from sim_adapters.world_builder import WorldTemplate
+from sim_adapters.jax.simulator import JaxSimulator
+from sim_adapters.world.world_builder import WorldTemplate
 from surrogate.effects.base import EffectSetting
-from surrogate.perception import PerceptionFrame, Sensor
+from surrogate.loop.world import Clock
+from surrogate.road.perception import PerceptionFrame, Sensor
 from surrogate.subject.registry import SubjectModel
-from surrogate.world import Clock
 
 pytestmark = pytest.mark.long
 

@@ -8,14 +8,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from surrogate import tiles
 from surrogate.effects.settings import Effects, EffectSetting, settings_table
 from surrogate.lane_change import negotiation
-from surrogate.moving import move_on
-from surrogate.step import settle_lanes
-from surrogate.tiles import Chosen, Tile, all_tiles, for_each_tile, over_tiles, tiles_for
-from surrogate.traffic_state import TrafficState
-from surrogate.world import World
+from surrogate.loop.moving import move_on
+from surrogate.loop.step import settle_lanes
+from surrogate.loop.world import World
+from surrogate.road.traffic_state import TrafficState
+from surrogate.xla import tiles
+from surrogate.xla.tiles import Chosen, Tile, all_tiles, for_each_tile, over_tiles, tiles_for
 from tests.surrogate.conftest import CLOCK
 
 LENGTHS = st.integers(1, 700)

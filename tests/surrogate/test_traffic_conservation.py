@@ -6,10 +6,10 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from sim_adapters.world_builder import WorldTemplate
-from surrogate.inflow import ENTRANCE_STRIDE
-from surrogate.traffic_state import EMPTY, HEAD, TrafficState
-from surrogate.world import World
+from sim_adapters.world.world_builder import WorldTemplate
+from surrogate.inflow.inflow import ENTRANCE_STRIDE
+from surrogate.loop.world import World
+from surrogate.road.traffic_state import EMPTY, HEAD, TrafficState
 
 LENGTH_M = 4.8  # of all vehicles of the corridor
 DEPART_S = 42.0

@@ -6,7 +6,6 @@ import pytest
 from lane_scene import Neighbour, lane_scene
 
 from surrogate.car_following.idm import Idm
-from surrogate.lane_change.base import Reason
 from surrogate.lane_change.free_model import Outlook
 from surrogate.lane_change.gap_acceptance import Blocked
 from surrogate.lane_change.motives import Wish
@@ -15,8 +14,9 @@ from surrogate.lane_change.registry import lane_change_model
 from surrogate.lane_change.strategy import Strategy
 from surrogate.lane_change.surroundings import following_of
 from surrogate.lane_change.vissim import Vissim
-from surrogate.traffic_state import empty_vehicles
-from surrogate.vehicle_class import VehicleClass
+from surrogate.road.traffic_state import empty_vehicles
+from surrogate.vehicle.lane_change_model import Reason
+from surrogate.vehicle.vehicle_class import VehicleClass
 
 CC0, CC1, LENGTH, DESIRED, SPEED = 1.7, 0.8, 4.6, 30.0, 20.0
 NOBODY = None

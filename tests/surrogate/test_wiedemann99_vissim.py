@@ -5,16 +5,16 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from sim_adapters.sumo_names import attribute_values, vehicle_class
-from surrogate.car_following.base import CarFollowingModel, FollowingSituation
+from sim_adapters.scenario.sumo_names import attribute_values, vehicle_class
+from surrogate.car_following.replay import ReplayStart, ReplayState, replay
 from surrogate.car_following.wiedemann99 import Wiedemann99, Wiedemann99Sumo
 from surrogate.car_following.wiedemann99_vissim import Wiedemann99Vissim, vissim_from_sumo
-from surrogate.kinematics import move
 from surrogate.lane_change.lc2013 import Lc2013
-from surrogate.neighbours import own_leader
-from surrogate.replay import ReplayStart, ReplayState, replay
-from surrogate.traffic_state import HEAD, empty_vehicles
-from surrogate.vehicle_class import VehicleClass
+from surrogate.loop.kinematics import move
+from surrogate.road.neighbours import own_leader
+from surrogate.road.traffic_state import HEAD, empty_vehicles
+from surrogate.vehicle.car_following_model import CarFollowingModel, FollowingSituation
+from surrogate.vehicle.vehicle_class import VehicleClass
 
 STEP_S = 0.1
 CC = {

@@ -13,10 +13,10 @@ import pytest
 
 from sim_adapters.errors import ScenarioError
 from sim_adapters.interface import ParameterLayout
-from sim_adapters.road_builder import CELL_LENGTH_M
-from sim_adapters.scenario import Scenario
-from sim_adapters.world_builder import WorldTemplate, build_template
-from surrogate.world import World
+from sim_adapters.scenario.road_builder import CELL_LENGTH_M
+from sim_adapters.scenario.scenario import Scenario
+from sim_adapters.world.world_builder import WorldTemplate, build_template
+from surrogate.loop.world import World
 
 
 @pytest.fixture(scope="module")

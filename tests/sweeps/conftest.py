@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from jaxcalib.problem import CalibrationProblem, read_problem
+from jaxcalib.problem.problem import CalibrationProblem, read_problem
 from jaxcalib.sweeps import sweep as module
 from jaxcalib.sweeps.plan import SweepPlan
 from jaxcalib.sweeps.report import write_report

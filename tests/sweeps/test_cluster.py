@@ -14,8 +14,8 @@ import pytest
 
 pytest.importorskip("distributed", reason="the extra 'cluster' is not installed")
 
-from jaxcalib.cli import sweep as command
-from jaxcalib.guarded import EXIT_RESOURCE
+from jaxcalib.cli.app import sweep as command
+from jaxcalib.cli.guarded import EXIT_RESOURCE
 from jaxcalib.sweeps import cluster
 
 CASE = Path(__file__).parents[2] / "experiments" / "cases" / "corridor"

@@ -11,7 +11,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from jaxcalib.problem import read_problem
+from jaxcalib.problem.problem import read_problem
 from jaxcalib.sweeps.local_engines import RoomySurrogate
 from jaxcalib.sweeps.sweep import sweep
 from sim_adapters.interface import RunRequest, Status

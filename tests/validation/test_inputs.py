@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from jaxcalib.calibration.evaluator import AllRunsFailedError
+from jaxcalib.calibration.stages.evaluator import AllRunsFailedError
 from jaxcalib.errors import CaseError
-from jaxcalib.problem import CalibrationProblem, read_problem
+from jaxcalib.problem.problem import CalibrationProblem, read_problem
 from jaxcalib.validation.calibrated_run import CalibratedRun, read_calibrated_run
 from jaxcalib.validation.counts import count_criteria, count_volumes, read_counts
 from jaxcalib.validation.validate import complete_rounds, round_requests, validate

@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from jaxcalib.cli import validate as command
-from jaxcalib.engines import sumo_engine
-from jaxcalib.problem import read_problem
+from jaxcalib.cli.app import validate as command
+from jaxcalib.problem.engines import sumo_engine
+from jaxcalib.problem.problem import read_problem
 from jaxcalib.validation.counts import FieldCounts
 from jaxcalib.validation.observer import DriveObserver
 from sim_adapters.interface import RunRequest, Status

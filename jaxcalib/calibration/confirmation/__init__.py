@@ -1,0 +1,1 @@
+"""SUMO's word: finalists, the learnt discrepancy, final errors."""

@@ -1,0 +1,233 @@
+"""The errors that a result is judged by: in SUMO, on seeds that no search has seen, beside those of no calibration."""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from jaxcalib.calibration.objective.accuracy import (
+    VEHICLE_LEVEL_SUM,
+    Effectiveness,
+    effectiveness,
+    mean_errors,
+    noise_floor,
+    vehicle_level_of,
+)
+from jaxcalib.calibration.objective.bootstrap import Samples, bootstrap_errors, interval_of
+from jaxcalib.calibration.stages.evaluator import Evaluator, gather
+from jaxcalib.case.case import ROLES, Role
+from jaxcalib.problem.problem import CalibrationProblem
+from jaxcalib.runs.journal import JournaledSumo
+from sim_adapters.interface import RunOutcome, RunRequest
+
+
+@dataclass(frozen=True)
+class FinalRuns:
+    """SUMO runs of one point on the drives of one role.
+
+    Attributes:
+        tally: tallies of the successful runs.
+        drive: which drive of the role each stands for.
+        outcomes: all runs.
+    """
+
+    tally: Float[np.ndarray, "run tally"]
+    drive: np.ndarray
+    outcomes: tuple[RunOutcome, ...]
+
+
+@dataclass(frozen=True)
+class Change:
+    """By how much an error is larger than before; None where one of the two is missing."""
+
+    value: float | None
+    interval_90: tuple[float, float] | None
+
+
+@dataclass(frozen=True)
+class FinalErrors:
+    """Errors on the drives of one role.
+
+    Attributes:
+        num_drives: drives of the field.
+        pooled: errors of all runs pooled.
+        per_seed: mean over seeds of the errors of one run per drive.
+        samples: each error and Eq. 23 with drives and runs drawn again.
+        floor: mean errors of field-like sets of the same runs.
+        floor_vehicle_level: mean of Eq. 23 over those sets.
+        floor_high: 95 % quantile of each error and of Eq. 23 over them.
+    """
+
+    num_drives: int
+    pooled: Effectiveness
+    per_seed: dict[str, float | None]
+    samples: Samples
+    floor: dict[str, float | None]
+    floor_vehicle_level: float
+    floor_high: dict[str, float | None]
+
+    @property
+    def interval(self) -> dict[str, tuple[float, float] | None]:
+        """90 % interval of each error and of Eq. 23."""
+        return {name: interval_of(samples, self.num_drives) for name, samples in self.samples.items()}
+
+    def change_since(self, before: "FinalErrors") -> dict[str, Change]:
+        """Return by how much each error and Eq. 23 exceed those of another simulation of the same drives."""
+        changes = {}
+        for name, samples in self.samples.items():
+            after, other = self.error(name), before.error(name)
+            value = None if after is None or other is None else after - other
+            changes[name] = Change(value, interval_of(samples - before.samples[name], self.num_drives))
+        return changes
+
+    def error(self, name: str) -> float | None:
+        """Return an error or Eq. 23, all runs pooled."""
+        return self.pooled.vehicle_level if name == VEHICLE_LEVEL_SUM else self.pooled.errors[name]
+
+
+def start_final_runs(
+    problem: CalibrationProblem,
+    sumo: JournaledSumo,
+    values: Float[np.ndarray, " parameter"],
+    role: Role,
+    num_runs: int,
+    first_seed: int,
+    on_run: Callable[[int], None],
+    shares_runs: bool = False,
+) -> Callable[[], FinalRuns]:
+    """Start the runs of a point in the background; return what waits for them.
+
+    Args:
+        problem: the problem.
+        sumo: SUMO.
+        values: parameter values.
+        role: drives.
+        num_runs: runs, the drives in turn.
+        first_seed: seed of the first; each run has its own.
+        on_run: told of each run.
+        shares_runs: whether drives that depart far enough apart share a run and its seed; what counts as a run above is
+            a drive then.
+    """
+    departs_s = problem.departs_s(role)
+    num_runs = num_runs if departs_s else 0
+    if shares_runs and num_runs:
+        requests = Evaluator(sumo, departs_s, first_seed, shares_runs=True).requests(values, num_runs)
+    else:
+        requests = [
+            RunRequest(tuple(float(value) for value in values), first_seed + run, departs_s[run % len(departs_s)])
+            for run in range(num_runs)
+        ]
+    drive = _drives_in_turn([request.depart_s for request in requests], departs_s)
+    wait = sumo.start(requests, on_run)
+
+    def finish() -> FinalRuns:
+        outcomes = wait()
+        if not outcomes:
+            return FinalRuns(np.zeros((0, len(problem.tally_names))), drive, ())
+        tally = gather([outcomes]).tally[0]
+        is_ok = np.isfinite(tally).all(axis=1)
+        return FinalRuns(tally[is_ok], drive[is_ok], tuple(outcomes))
+
+    return finish
+
+
+def final_errors(
+    problem: CalibrationProblem, role: Role, runs: FinalRuns, floor_runs: FinalRuns | None
+) -> FinalErrors | None:
+    """Return the errors of runs against the field's drives of a role; None where it has none.
+
+    Args:
+        problem: the problem.
+        role: drives.
+        runs: runs of one point.
+        floor_runs: runs of that point, these and others, from which field-like sets are drawn; None for no floor.
+    """
+    field = problem.field_of(role)
+    if not len(field) or not len(runs.tally):
+        return None
+    names, measures = problem.tally_names, problem.measures
+    real = field.sum(axis=0)
+    singles = [effectiveness(measures, names, real, one) for one in _one_run_per_drive(runs)]
+    draws = noise_floor(measures, names, floor_runs.tally, floor_runs.drive) if floor_runs else []
+    pooled = effectiveness(measures, names, real, runs.tally.sum(axis=0))
+    sums = vehicle_level_of(draws, pooled)
+    return FinalErrors(
+        num_drives=len(field),
+        pooled=pooled,
+        per_seed=mean_errors(singles),
+        samples=bootstrap_errors(measures, names, field, runs.tally),
+        floor=mean_errors(draws),
+        floor_vehicle_level=float(np.mean(sums)) if sums else float("nan"),
+        floor_high={
+            **{name: _quantile([draw.errors[name] for draw in draws]) for name in singles[0].errors},
+            VEHICLE_LEVEL_SUM: _quantile(sums),
+        },
+    )
+
+
+def runs_of_role(problem: CalibrationProblem, runs: Mapping[Role, FinalRuns], role: Role) -> FinalRuns:
+    """Return all runs that can stand for the drives of a role, each drive equally often."""
+    together = all_runs_of_role(problem, runs, role)
+    if not len(together.tally):
+        return together
+    chosen = np.sort(np.concatenate(_rounds(together)))
+    return FinalRuns(together.tally[chosen], together.drive[chosen], together.outcomes)
+
+
+def all_runs_of_role(
+    problem: CalibrationProblem, runs: Mapping[Role, FinalRuns], role: Role, more: Iterable[RunOutcome] = ()
+) -> FinalRuns:
+    """Return all runs that can stand for the drives of a role, and of more runs of the same point those that can.
+
+    Drives of both roles that depart at the same time are alike but for their seed, so the runs for one role serve the
+    other as well.
+    """
+    others = [outcome for other in ROLES if other != role for outcome in runs[other].outcomes]
+    return with_outcomes(runs[role], problem.departs_s(role), (*others, *more))
+
+
+def with_outcomes(runs: FinalRuns, departs_s: tuple[float, ...], more: tuple[RunOutcome, ...]) -> FinalRuns:
+    """Return runs together with those among others of the same point that could stand for the same drives.
+
+    Args:
+        runs: runs that stand for drives.
+        departs_s: when the subject vehicle departs in each drive.
+        more: other runs; those that failed or depart at another time are left out.
+    """
+    used = [outcome for outcome in more if outcome.status.is_ok and outcome.request.depart_s in departs_s]
+    if not used:
+        return runs
+    drive = _drives_in_turn([outcome.request.depart_s for outcome in used], departs_s)
+    tally = np.asarray([outcome.observed for outcome in used], float)
+    return FinalRuns(np.vstack([runs.tally, tally]), np.concatenate([runs.drive, drive]), (*runs.outcomes, *used))
+
+
+def _drives_in_turn(run_departs_s: Sequence[float], departs_s: tuple[float, ...]) -> np.ndarray:
+    """Return which drive each run stands for: drives that depart at the same time are alike and take runs in turn."""
+    places: dict[float, list[int]] = {}
+    for place, depart_s in enumerate(departs_s):
+        places.setdefault(depart_s, []).append(place)
+    seen: dict[float, int] = {}
+    drive = []
+    for depart_s in run_departs_s:
+        seen[depart_s] = seen.get(depart_s, -1) + 1
+        drive.append(places[depart_s][seen[depart_s] % len(places[depart_s])])
+    return np.asarray(drive, int)
+
+
+def _one_run_per_drive(runs: FinalRuns) -> list[Float[np.ndarray, " tally"]]:
+    """Return the pooled tallies of each complete round of drives."""
+    return [runs.tally[places].sum(axis=0) for places in _rounds(runs)]
+
+
+def _rounds(runs: FinalRuns) -> list[np.ndarray]:
+    """Return the places of the runs of each complete round of drives."""
+    places = [np.flatnonzero(runs.drive == one) for one in np.unique(runs.drive)]
+    rounds = min(len(place) for place in places)
+    return [np.asarray([place[number] for place in places]) for number in range(rounds)]
+
+
+def _quantile(errors: Sequence[float | None]) -> float | None:
+    known = [error for error in errors if error is not None]
+    return float(np.quantile(known, 0.95)) if known else None

@@ -1,0 +1,1 @@
+"""What the search minimises: moments, evidence from the logs, and the paper's relative errors."""

@@ -1,0 +1,50 @@
+"""Which objective a calibration uses, made from the field and from runs near a point."""
+
+import numpy as np
+from jaxtyping import Float
+
+from jaxcalib.calibration.objective.accuracy import MEASURE_OF, TRAFFIC_LEVEL, VEHICLE_LEVEL
+from jaxcalib.calibration.objective.evidence import Evidence
+from jaxcalib.calibration.objective.moments import all_moments, moments_of, noise_covariance, observed_moments
+from jaxcalib.calibration.objective.objective import Objective
+from jaxcalib.problem.problem import CalibrationProblem
+from jaxcalib.problem.settings import Settings
+
+# The paper averages the lane-changing distances that it sees; the restricted means of the MoEs are no quotients.
+PRINTED = {
+    "subject_lane_change_distance": "subject_target_gap_m",
+    "background_lane_change_distance": "background_mean_target_gap_m",
+}
+
+
+def choose_objective(
+    problem: CalibrationProblem,
+    settings: Settings,
+    evidence: Evidence,
+    runs: Float[np.ndarray, "run tally"],
+) -> Objective:
+    """Return the objective.
+
+    Args:
+        problem: the problem.
+        settings: which objective is wanted.
+        evidence: what is known of the parameters.
+        runs: tallies of runs near where the search goes on, for the noise of the measures.
+    """
+    field = problem.field_of("fit")
+    is_relative = settings.objective == "paper"
+    if is_relative:
+        names = [PRINTED.get(name, MEASURE_OF[name]) for name in (*VEHICLE_LEVEL, *TRAFFIC_LEVEL)]
+        candidates = moments_of([problem.measures[name] for name in names], problem.tally_index)
+    else:
+        candidates = all_moments(problem.measures, problem.tally_index)
+    moments = observed_moments(candidates, field, runs)
+    return Objective(
+        moments=moments,
+        field=moments.values(field.sum(axis=0)),
+        covariance=noise_covariance(moments, runs),
+        num_drives=len(field),
+        evidence=evidence,
+        is_relative=is_relative,
+        is_summed=is_relative and settings.literal,
+    )

@@ -1,0 +1,61 @@
+"""The errors of a calibration as they stand in its result."""
+
+from typing import Any
+
+from jaxcalib.calibration.confirmation.final_errors import FinalErrors
+from jaxcalib.calibration.objective.accuracy import VEHICLE_LEVEL_SUM
+from jaxcalib.calibration.result.result import rounded
+
+ErrorsByRole = dict[str, dict[Any, FinalErrors | None]]
+
+
+def effectiveness_table(errors: ErrorsByRole, notes: dict[str, str]) -> dict[str, dict[str, dict[str, float | None]]]:
+    """Return the errors of Eqs. 24-36 with their noise floor, by calibration and role; notes say why one is null."""
+    moes: dict[str, dict[str, dict[str, float | None]]] = {}
+    for calibration, by_role in errors.items():
+        moes[calibration] = {}
+        for role, one in by_role.items():
+            moes[calibration][role] = {name: rounded(error) for name, error in one.pooled.errors.items()} if one else {}
+            notes |= {f"moes.{calibration}.{role}.{k}": v for k, v in (one.pooled.notes.items() if one else ())}
+    moes["noise_floor"] = {
+        role: {name: rounded(error) for name, error in one.floor.items()} if one else {}
+        for role, one in errors["calibrated"].items()
+    }
+    return moes
+
+
+def vehicle_level_table(errors: ErrorsByRole) -> dict[str, dict[str, Any]]:
+    """Return Eq. 23 with its interval or quantile, by calibration and role."""
+    table: dict[str, dict[str, Any]] = {}
+    for calibration, by_role in errors.items():
+        table[calibration] = {
+            role: {"value": rounded(one.pooled.vehicle_level), "interval_90": one.interval[VEHICLE_LEVEL_SUM]}
+            for role, one in by_role.items()
+            if one
+        }
+    table["noise_floor"] = {
+        role: {"value": rounded(one.floor_vehicle_level), "quantile_95": rounded(one.floor_high[VEHICLE_LEVEL_SUM])}
+        for role, one in errors["calibrated"].items()
+        if one
+    }
+    return table
+
+
+def part_by_role(errors: ErrorsByRole, part: Any) -> dict[str, Any]:
+    """Return a part of the errors, by calibration and role."""
+    return {
+        calibration: {role: part(one) if one else {} for role, one in by_role.items()}
+        for calibration, by_role in errors.items()
+    }
+
+
+def change_table(errors: ErrorsByRole) -> dict[str, Any]:
+    """Return errors calibrated less those uncalibrated, by role."""
+    table: dict[str, Any] = {}
+    for role, after in errors["calibrated"].items():
+        before = errors["no_calibration"][role]
+        changes = after.change_since(before) if after and before else {}
+        table[role] = {
+            name: {"value": rounded(one.value), "interval_90": one.interval_90} for name, one in changes.items()
+        }
+    return table

@@ -1,0 +1,107 @@
+"""How many runs each part gets, from the size of the scenario alone, so that the same command does the same work."""
+
+from dataclasses import dataclass
+
+from jaxcalib.calibration.stages.evaluator import in_rounds
+from jaxcalib.calibration.stages.screening import SHORTLIST_RUNS, small_array, smallest_array
+from jaxcalib.problem.engines import expected_vehicles
+from jaxcalib.problem.problem import CalibrationProblem
+
+# A run of a corridor, in places for vehicles times steps. Larger scenarios get fewer runs per candidate, but not in
+# proportion: what they cost grows with the square root of their size.
+SMALL_RUN = 3e6
+RUNS_PER_CANDIDATE = 4.0
+FEWEST_RUNS = 2
+SIZE_EXPONENT = 0.5
+LARGE_RATIO = 3.0
+FRESH_SEEDS = 12  # for the final errors on held-out drives
+MOST_FRESH_SEEDS = 100
+NOISE_RUNS, LARGE_NOISE_RUNS = 64, 32  # whole batches of two cores; fewer would leave places in them empty
+# Runs behind the covariance of the moments at the point that is searched from: between three and four to a moment.
+# With as many runs as moments, candidates come in another order than under the true covariance (docs/paper-study.md).
+COVARIANCE_RUNS = 192
+SHORTLISTED = 5  # candidates, about
+QUICK = 0.5  # below it SUMO confirms one finalist only
+
+
+@dataclass(frozen=True)
+class Budget:
+    """Numbers of runs.
+
+    Attributes:
+        runs_per_candidate: while screening and in SAGA.
+        noise_runs: to estimate the noise of the measures where the search begins, and to compare its results.
+        covariance_runs: the same where driver behaviour is searched from, for the noise of all moments together.
+        polish_runs: per candidate of the joint polish.
+        population_size: of SAGA.
+        num_generations: of SAGA.
+        polish_iterations: of the joint polish.
+        confirmation_rounds: alternations of surrogate and SUMO.
+        confirmation_runs: SUMO runs per finalist and round.
+        final_runs: SUMO runs of the result, and of the scenario as it was, on held-out drives.
+        final_fit_runs: the same on the drives to fit.
+        num_surrogate_runs: about so many in all, for the progress bar.
+    """
+
+    runs_per_candidate: int
+    noise_runs: int
+    covariance_runs: int
+    polish_runs: int
+    population_size: int
+    num_generations: int
+    polish_iterations: int
+    confirmation_rounds: int
+    confirmation_runs: int
+    final_runs: int
+    final_fit_runs: int
+    num_surrogate_runs: int
+
+    @property
+    def num_sumo_runs(self) -> int:
+        """SUMO runs in all."""
+        confirming = self.confirmation_rounds * self.confirmation_runs
+        return confirming + 2 * (self.final_runs + self.final_fit_runs)
+
+
+def plan_budget(problem: CalibrationProblem, scale: float = 1.0) -> Budget:
+    """Return the numbers of runs for a problem.
+
+    Args:
+        problem: the problem.
+        scale: 1 for the default; numbers of runs grow and shrink with it.
+    """
+    scenario = problem.parts.scenario
+    size = expected_vehicles(problem) * scenario.duration_s / scenario.step_s
+    ratio = max(1.0, size / SMALL_RUN)
+    is_large = ratio > LARGE_RATIO
+    per_candidate = max(FEWEST_RUNS, round(RUNS_PER_CANDIDATE * scale / ratio**SIZE_EXPONENT))
+    noise_runs = round((LARGE_NOISE_RUNS if is_large else NOISE_RUNS) * min(max(scale, 0.5), 4.0))
+    covariance_runs = max(noise_runs, round(COVARIANCE_RUNS * min(scale / QUICK, 1.0)))
+    polish_runs = (2 if is_large else 3) * per_candidate
+    fit_departs_s = problem.departs_s("fit")
+    num_fit, num_held_out = len(fit_departs_s), len(problem.departs_s("held_out"))
+
+    num_seeds = min(FRESH_SEEDS * scale, MOST_FRESH_SEEDS)
+    final_runs = num_held_out * max(2, round(num_seeds / max(num_held_out, 1)))
+
+    num_parameters = len(problem.layout.names)
+    cases = small_array(problem.layout.num_inputs).num_cases + smallest_array(len(problem.layout.attributes)).num_cases
+    population, generations = 16, max(2, round((4 if is_large else 5) * min(scale, 3.0)))
+    return Budget(
+        runs_per_candidate=per_candidate,
+        noise_runs=noise_runs,
+        covariance_runs=covariance_runs,
+        polish_runs=polish_runs,
+        population_size=population,
+        num_generations=generations,
+        polish_iterations=1,
+        confirmation_rounds=2 if scale >= QUICK else 1,
+        confirmation_runs=num_fit if is_large or scale < QUICK else round(1.5 * num_fit),
+        final_runs=final_runs,
+        final_fit_runs=num_fit,
+        num_surrogate_runs=(cases + population * generations) * in_rounds(fit_departs_s, per_candidate)
+        + 3 * SHORTLISTED * SHORTLIST_RUNS * in_rounds(fit_departs_s, per_candidate)
+        + 2 * (num_parameters + 6) * in_rounds(fit_departs_s, polish_runs)
+        + 8 * in_rounds(fit_departs_s, noise_runs)
+        + in_rounds(fit_departs_s, covariance_runs),
+    )

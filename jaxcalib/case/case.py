@@ -1,0 +1,294 @@
+"""A case: the folder that ties a SUMO scenario to the logs of drives on that road."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal
+
+from jaxcalib.case.case_file import (
+    FILE_NAME,
+    BehaviourSection,
+    CaseTable,
+    DriveSection,
+    SubjectSection,
+    read_case_table,
+)
+from jaxcalib.errors import CaseError, quote
+from surrogate.subject.registry import SUBJECT_MODELS, SubjectModel
+from surrogate.vehicle.model_entry import ParameterRangeError, UnknownModelError
+
+Role = Literal["fit", "held_out"]
+ROLES: tuple[Role, ...] = ("fit", "held_out")
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """The SUMO scenario.
+
+    Attributes:
+        config_file: SUMO configuration.
+        warmup_s: time that is not measured.
+        duration_s: end of the simulation, from time 0, warm-up included.
+        step_s: length of a simulation step.
+    """
+
+    config_file: Path
+    warmup_s: float
+    duration_s: float
+    step_s: float
+
+
+@dataclass(frozen=True)
+class SubjectVehicle:
+    """The automated vehicle in the scenario's demand.
+
+    Attributes:
+        vtype: its vType.
+        vehicle: its id.
+        model: who drives it.
+    """
+
+    vtype: str
+    vehicle: str
+    model: SubjectModel = field(default_factory=SubjectModel)
+
+
+@dataclass(frozen=True)
+class Perception:
+    """What the subject vehicle can see.
+
+    Attributes:
+        ahead_m: range ahead, front bumper to front bumper.
+        behind_m: range behind.
+        nominal_length_m: length assumed for a detected vehicle.
+    """
+
+    ahead_m: float
+    behind_m: float
+    nominal_length_m: float
+
+
+@dataclass(frozen=True)
+class Behaviour:
+    """What Stage 2 may calibrate.
+
+    Attributes:
+        vtypes: background vTypes.
+        car_following: their car-following model.
+        parameters: vType attributes that may be moved; None means the library's list for that model.
+        distant_vtypes: vType as which each of these vTypes follows beyond the sensors' range.
+    """
+
+    vtypes: tuple[str, ...]
+    car_following: str
+    parameters: tuple[str, ...] | None
+    distant_vtypes: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Input:
+    """An entrance of the road, one decision variable of Stage 1.
+
+    Attributes:
+        id: its name.
+        flows: ids of the flows that are scaled together, their shares kept.
+    """
+
+    id: str
+    flows: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Drive:
+    """One recorded drive.
+
+    Attributes:
+        id: its name.
+        depart_s: when the subject vehicle departs, on the scenario's clock.
+        subject_file: table of the subject vehicle.
+        objects_file: table of the detected vehicles.
+        role: whether the calibration may use it.
+    """
+
+    id: str
+    depart_s: float
+    subject_file: Path
+    objects_file: Path
+    role: Role
+
+
+@dataclass(frozen=True)
+class Case:
+    """Everything that case.toml says.
+
+    Attributes:
+        folder: the case's folder, absolute.
+        name: name of the case.
+        perception: range of the sensors.
+        drives: recorded drives.
+        scenario: the SUMO scenario, None where the case has none yet.
+        subject: the subject vehicle in it.
+        behaviour: what Stage 2 calibrates.
+        inputs: what Stage 1 calibrates, empty where the case says nothing.
+    """
+
+    folder: Path
+    name: str
+    perception: Perception
+    drives: tuple[Drive, ...]
+    scenario: Scenario | None
+    subject: SubjectVehicle | None
+    behaviour: Behaviour | None
+    inputs: tuple[Input, ...]
+
+    def drives_of(self, role: Role) -> tuple[Drive, ...]:
+        """Return the drives of one role."""
+        return tuple(drive for drive in self.drives if drive.role == role)
+
+
+@dataclass(frozen=True)
+class ScenarioParts:
+    """The parts that a case may leave out, all there."""
+
+    scenario: Scenario
+    subject: SubjectVehicle
+    behaviour: Behaviour
+    inputs: tuple[Input, ...]
+
+
+def read_case(folder: Path | str) -> Case:
+    """Read and check case.toml.
+
+    Args:
+        folder: the case's folder.
+
+    Raises:
+        CaseError: a key is missing, unknown or wrong, two things have one name, a file is missing or lies outside of
+            the folder, or no drive is left to fit.
+    """
+    root = Path(folder)
+    table = read_case_table(root)
+    root = root.resolve()
+    _check_names(table)
+    _check_times(table)
+    scenario = table.scenario and Scenario(
+        config_file=_inside(root, "scenario.config", table.scenario.config),
+        warmup_s=table.scenario.warmup_s,
+        duration_s=table.scenario.duration_s,
+        step_s=table.scenario.step_s,
+    )
+    perception = table.perception
+    return Case(
+        folder=root,
+        name=table.name,
+        perception=Perception(perception.ahead_m, perception.behind_m, perception.nominal_length_m),
+        drives=tuple(_drive(root, drive) for drive in table.drive),
+        scenario=scenario,
+        subject=table.subject and _subject(table.subject),
+        behaviour=table.behaviour and _behaviour(table.behaviour),
+        inputs=tuple(Input(entrance.id, entrance.flows) for entrance in table.input),
+    )
+
+
+def require_scenario(case: Case) -> ScenarioParts:
+    """Return the parts that a simulation needs.
+
+    Raises:
+        CaseError: the case leaves one of them out.
+    """
+    if case.scenario is None or case.subject is None or case.behaviour is None or not case.inputs:
+        parts = {
+            "[scenario]": case.scenario,
+            "[subject]": case.subject,
+            "[behaviour]": case.behaviour,
+            "[[input]]": case.inputs,
+        }
+        missing = ", ".join(name for name, part in parts.items() if not part)
+        raise CaseError(FILE_NAME, missing, "expected for everything that runs the scenario; missing here.")
+    return ScenarioParts(case.scenario, case.subject, case.behaviour, case.inputs)
+
+
+def _subject(section: SubjectSection) -> SubjectVehicle:
+    model = SubjectModel(section.model, section.parameters or {})
+    try:
+        model.check()
+    except UnknownModelError as error:
+        key = "model" if section.model not in SUBJECT_MODELS else "parameters"
+        raise CaseError(FILE_NAME, f"subject.{key}", f"expected a known name: {error}") from None
+    except ParameterRangeError as error:
+        raise CaseError(FILE_NAME, "subject.parameters", f"expected a value within its range: {error}") from None
+    return SubjectVehicle(section.vtype, section.vehicle, model)
+
+
+def _behaviour(section: BehaviourSection) -> Behaviour:
+    return Behaviour(section.vtypes, section.car_following, section.parameters, section.distant_vtypes or {})
+
+
+def _drive(root: Path, drive: DriveSection) -> Drive:
+    return Drive(
+        id=drive.id,
+        depart_s=drive.depart_s,
+        subject_file=_inside(root, f"drive[{drive.id}].subject", drive.subject),
+        objects_file=_inside(root, f"drive[{drive.id}].objects", drive.objects),
+        role="fit" if drive.role == "fit" else "held_out",
+    )
+
+
+def _inside(root: Path, place: str, path: str) -> Path:
+    """Return the file that a path means; a case from a stranger must not reach out of its folder."""
+    try:
+        file = (root / path).resolve()
+        is_inside, is_file = file.is_relative_to(root), file.is_file()
+    except (ValueError, OSError, RuntimeError):  # a NUL, a name too long, links in a circle
+        is_inside = is_file = False
+    if not is_inside:
+        raise CaseError(FILE_NAME, place, f"expected a path inside the case's folder, got {quote(path)}.")
+    if not is_file:
+        raise CaseError(FILE_NAME, place, f"expected an existing file, got {quote(path)}.")
+    return root / path
+
+
+def _check_names(table: CaseTable) -> None:
+    for index, drive in enumerate(table.drive):
+        if drive.id in {other.id for other in table.drive[:index]}:
+            raise CaseError(FILE_NAME, f"drive[{index + 1}].id", f"expected a new id, got {quote(drive.id)} again.")
+    flow_of: dict[str, str] = {}
+    for index, entrance in enumerate(table.input):
+        if entrance.id in {other.id for other in table.input[:index]}:
+            raise CaseError(FILE_NAME, f"input[{index + 1}].id", f"expected a new id, got {quote(entrance.id)} again.")
+        for flow in entrance.flows:
+            if flow in flow_of:
+                raise CaseError(
+                    FILE_NAME,
+                    f"input[{entrance.id}].flows",
+                    f"expected each flow once, got {quote(flow)}, which input {quote(flow_of[flow])} has too.",
+                )
+            flow_of[flow] = entrance.id
+    if table.behaviour:
+        for key, names in [("vtypes", table.behaviour.vtypes), ("parameters", table.behaviour.parameters or ())]:
+            for index, name in enumerate(names):
+                if name in names[:index]:
+                    raise CaseError(FILE_NAME, f"behaviour.{key}", f"expected each name once, got {quote(name)} again.")
+    if not table.drive:
+        raise CaseError(FILE_NAME, "drive", "expected at least one [[drive]], got none.")
+    if all(drive.role == "held_out" for drive in table.drive):
+        raise CaseError(FILE_NAME, "drive", 'expected at least one drive with role "fit"; all are "held_out".')
+
+
+def _check_times(table: CaseTable) -> None:
+    scenario = table.scenario
+    if scenario is None:
+        return
+    if scenario.warmup_s >= scenario.duration_s:
+        raise CaseError(
+            FILE_NAME,
+            "scenario.warmup_s",
+            f"expected less than duration_s ({scenario.duration_s:g}), got {scenario.warmup_s:g}.",
+        )
+    for drive in table.drive:
+        if drive.depart_s > scenario.duration_s:
+            raise CaseError(
+                FILE_NAME,
+                f"drive[{drive.id}].depart_s",
+                f"expected 0 to scenario.duration_s ({scenario.duration_s:g}), got {drive.depart_s:g}.",
+            )

@@ -1,0 +1,268 @@
+"""The command line."""
+
+import sys
+from pathlib import Path
+from typing import Annotated, Literal
+
+from cyclopts import App, Parameter
+from cyclopts.validators import Number
+
+from jaxcalib.cli.compilation_cache import keep_compiled_programs
+
+app = App(name="jaxcalib", help="Calibrate SUMO traffic around automated vehicles from their logs.")
+
+
+@app.command
+def calibrate(
+    case: Path,
+    /,
+    *,
+    out: Path,
+    seed: Annotated[int, Parameter(validator=Number(gte=0, lte=2000))] = 0,
+    budget: Annotated[float, Parameter(validator=Number(gte=0.05, lte=100.0))] = 1.0,
+    resume: Annotated[bool, Parameter(negative="")] = False,
+    settings: Path | None = None,
+    quiet: Annotated[bool, Parameter(negative="")] = False,
+) -> int:
+    """Calibrate demand and driver behaviour of a case.
+
+    Leaves result.json, report.html and scenario/ (SUMO files with the calibrated values) in the folder given by --out.
+
+    Parameters
+    ----------
+    case
+        Folder with case.toml, the SUMO scenario and the logs.
+    out
+        Folder for the results; it must be empty or not there yet.
+    seed
+        Seed of all random numbers; the same seed gives the same result.
+    budget
+        Factor on the numbers of simulation runs: 0.5 is quick, 2 is thorough.
+    resume
+        Go on with a calibration that was stopped.
+    settings
+        TOML file with further options (docs/settings.md).
+    quiet
+        Say nothing but errors.
+    """
+    from jaxcalib.calibration.pipeline import calibrate as run
+    from jaxcalib.cli.guarded import guarded
+    from jaxcalib.cli.terminal import TerminalProgress, summary
+    from jaxcalib.runs.progress import Silent
+
+    def work() -> str:
+        with Silent() if quiet else TerminalProgress() as progress:
+            result = run(case, out, seed=seed, budget=budget, resume=resume, settings=settings, progress=progress)
+        return "" if quiet else summary(result, out)
+
+    return guarded(work, f"go on with: jaxcalib calibrate {case} --out {out} --resume", out)
+
+
+@app.command
+def diagnose(
+    case: Path,
+    /,
+    *,
+    out: Path,
+    seed: Annotated[int, Parameter(validator=Number(gte=0, lte=2000))] = 0,
+    budget: Annotated[float, Parameter(validator=Number(gte=0.05, lte=100.0))] = 1.0,
+    resume: Annotated[bool, Parameter(negative="")] = False,
+    quiet: Annotated[bool, Parameter(negative="")] = False,
+) -> int:
+    """Tell where simulation and road differ, which missing effect causes it, and how far adding it closes the gap.
+
+    Leaves diagnosis.json and diagnosis.html in the folder given by --out.
+
+    Parameters
+    ----------
+    case
+        Folder with case.toml, the SUMO scenario and the logs.
+    out
+        Folder for the results; it must be empty or not there yet.
+    seed
+        Seed of all random numbers; the same seed gives the same result.
+    budget
+        Factor on the numbers of simulation runs: 0.5 is quick, 2 is thorough.
+    resume
+        Go on with a diagnosis that was stopped.
+    quiet
+        Say nothing but errors.
+    """
+    from jaxcalib.cli.diagnosis_summary import summary
+    from jaxcalib.cli.guarded import guarded
+    from jaxcalib.cli.terminal import TerminalProgress
+    from jaxcalib.diagnosis.run import diagnose as run
+    from jaxcalib.runs.progress import Silent
+
+    def work() -> str:
+        with Silent() if quiet else TerminalProgress() as progress:
+            found = run(case, out, seed=seed, budget=budget, resume=resume, progress=progress)
+        return "" if quiet else summary(found, out)
+
+    return guarded(work, f"go on with: jaxcalib diagnose {case} --out {out} --resume", out)
+
+
+@app.command
+def fit_following(
+    pairs: Path,
+    /,
+    *,
+    out: Path,
+    model: str = "idm",
+    held_out_share: Annotated[float, Parameter(validator=Number(gte=0.0, lte=0.8))] = 0.5,
+    drop_bad_pairs: Annotated[bool, Parameter(negative="")] = False,
+    seed: Annotated[int, Parameter(validator=Number(gte=0))] = 0,
+) -> int:
+    """Fit a car-following model to recorded leader-follower pairs, all at once.
+
+    Leaves pairs.csv (parameters, standard errors and errors of each pair) and population.json in the folder of --out.
+
+    Parameters
+    ----------
+    pairs
+        Table with the columns pair_id, time_s, v_lead_mps, v_foll_mps and gap_m (.csv, .csv.gz or .parquet).
+    out
+        Folder for the results.
+    model
+        idm, iidm, acc, krauss, w99-sumo128, w99-vissim, gipps, ghr, fvd or aovrv.
+    held_out_share
+        Last part of each pair that is not fitted but judged.
+    drop_bad_pairs
+        Leave out pairs with gaps of 0 or less, without a leader, or with jumps in time, instead of stopping.
+    seed
+        Seed of the starts.
+    """
+    from jaxcalib.cli.guarded import EXIT_CASE_WRONG
+    from jaxcalib.cli.pair_fitting_terminal import pair_progress, print_summary
+    from jaxcalib.errors import CaseError
+    from jaxcalib.pair_fitting.recorded_pairs import read_pairs
+    from jaxcalib.pair_fitting.study import study_pairs
+    from surrogate.car_following.registry import car_following_model
+    from surrogate.vehicle.model_entry import UnknownModelError
+
+    try:
+        entry = car_following_model(model)
+        recorded, dropped = read_pairs(pairs, drop_bad_pairs)
+    except (CaseError, UnknownModelError) as error:
+        print(f"jaxcalib: {error}", file=sys.stderr)
+        return EXIT_CASE_WRONG
+    with pair_progress(len(recorded)) as on_pairs:
+        study = study_pairs(entry, recorded, dropped, held_out_share, seed, on_pairs)
+    study.write(out)
+    print_summary(study, out)
+    return 0
+
+
+@app.command
+def effects() -> int:
+    """List the effects that a simulation may lack: where each acts, its unit, range of strength and source."""
+    from jaxcalib.cli.effect_list import print_effects
+
+    print_effects()
+    return 0
+
+
+@app.command
+def sweep(
+    case: Path | None = None,
+    /,
+    *,
+    out: Path,
+    design: str = "sobol:1024",
+    seeds: Annotated[int, Parameter(validator=Number(gte=1))] = 4,
+    engine: Literal["surrogate", "sumo"] = "surrogate",
+    seed: Annotated[int, Parameter(validator=Number(gte=0, lte=2000))] = 0,
+    parameters: Annotated[tuple[str, ...] | None, Parameter(consume_multiple=True, negative="")] = None,
+    settings: Path | None = None,
+    shard: str | None = None,
+    merge: Annotated[bool, Parameter(negative="")] = False,
+    cluster: str | None = None,
+    resume: Annotated[bool, Parameter(negative="")] = False,
+    quiet: Annotated[bool, Parameter(negative="")] = False,
+) -> int:
+    """Run many parameter sets on several seeds each, and keep every run as a row of a table.
+
+    The same command goes on with a sweep that was stopped. Leaves the table, and beside it a .json and a .html file.
+
+    Parameters
+    ----------
+    case
+        Folder with case.toml, the SUMO scenario and the logs.
+    out
+        The table to write; its name ends in .parquet.
+    design
+        sobol:N, latin-hypercube:N, grid:LEVELS, orthogonal-array:LEVELS, or a table of your own (.csv, .parquet).
+    seeds
+        Runs of each candidate; all candidates have the same seeds.
+    engine
+        Simulator: surrogate or sumo.
+    seed
+        Seed of all random numbers.
+    parameters
+        Names of the parameters that vary; all of them unless given. The others keep the scenario's values.
+    settings
+        TOML file with bounds (docs/settings.md).
+    shard
+        Part that this job makes, for example 3/8; all jobs share the folder of --out. Then --merge.
+    merge
+        Check that nothing is missing of what the jobs have made, and write the table.
+    cluster
+        Address of a dask scheduler whose workers make the runs.
+    resume
+        Insist on a sweep that was begun.
+    quiet
+        Say nothing but errors.
+    """
+    from jaxcalib.cli.sweep_command import SweepOptions, run_sweep
+
+    options = SweepOptions(
+        case, out, design, seeds, engine, seed, parameters, settings, shard, merge, cluster, resume, quiet
+    )
+    return run_sweep(options)
+
+
+@app.command
+def validate(
+    case: Path,
+    run: Path,
+    /,
+    *,
+    out: Path | None = None,
+    seeds: Annotated[int, Parameter(validator=Number(gte=3, lte=1000))] = 20,
+    drives: Literal["held_out", "fit"] | None = None,
+    counts: Path | None = None,
+    resume: Annotated[bool, Parameter(negative="")] = False,
+    quiet: Annotated[bool, Parameter(negative="")] = False,
+) -> int:
+    """Judge a calibrated result by the field, in SUMO alone: every criterion with its standard, pass or fail.
+
+    Leaves validation.json and validation.html. The exit code does not depend on whether criteria pass.
+
+    Parameters
+    ----------
+    case
+        Folder with case.toml, the SUMO scenario and the logs.
+    run
+        Folder that `jaxcalib calibrate` has left.
+    out
+        Folder for the results; RUN/validation unless given.
+    seeds
+        Rounds of drives: each drive is run once in each.
+    drives
+        Role of the drives to judge by: held_out or fit; held-out drives where there are any.
+    counts
+        Table of counted vehicles (docs/validation.md); GEH and FHWA 2019 need one.
+    resume
+        Go on with a validation that was stopped.
+    quiet
+        Say nothing but errors.
+    """
+    from jaxcalib.cli.validate_command import ValidateOptions, run_validation
+
+    return run_validation(ValidateOptions(case, run, out, seeds, drives, counts, resume, quiet))
+
+
+def main() -> None:
+    """Run the command line."""
+    keep_compiled_programs()
+    sys.exit(app())

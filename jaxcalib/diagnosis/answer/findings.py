@@ -1,0 +1,65 @@
+"""All that a diagnosis has found out before it is put into words."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from jaxcalib.diagnosis.features.features import DriveTallies
+from jaxcalib.diagnosis.features.signature import Signature
+from jaxcalib.diagnosis.features.windows import Window
+from jaxcalib.diagnosis.inference.evidence import Explained
+from jaxcalib.diagnosis.inference.investigation import Prepared
+from jaxcalib.diagnosis.inference.ledger import LedgerEntry, make_ledger
+from jaxcalib.diagnosis.inference.refit import Refit
+from jaxcalib.diagnosis.inference.sumo_check import Check
+from jaxcalib.diagnosis.inference.verdict import Verdict
+from jaxcalib.diagnosis.inference.visibility import AtlasEntry
+from jaxcalib.problem.problem import CalibrationProblem
+
+
+@dataclass(frozen=True)
+class Findings:
+    """All that a diagnosis knows.
+
+    Attributes:
+        problem: the problem.
+        seed: of the random numbers.
+        values: calibrated values.
+        fitted: null model and features of the drives to fit.
+        held_out: the same of held-out drives; None where there are none.
+        num_places: how many places were looked at for each local effect.
+        null_runs: tallies of SUMO runs with the calibrated values.
+        default: tallies of SUMO runs of the scenario as it is; None where they failed.
+        explained: explanations, best first.
+        verdict: the answer.
+        refit: the effect that is named first, fitted once more around runs that contain it; None where there is none.
+        signatures: of all effects that were tried.
+        atlas: what is known of each effect beforehand.
+        windows: where local effects were tried.
+        checks: effects that were put into SUMO, and how well its signatures agree with the surrogate's.
+        runs: numbers of runs.
+        wall_s: time of each part.
+    """
+
+    problem: CalibrationProblem
+    seed: int
+    values: np.ndarray
+    fitted: Prepared
+    held_out: Prepared | None
+    num_places: Mapping[str, int]
+    null_runs: DriveTallies
+    default: DriveTallies | None
+    explained: Sequence[Explained]
+    verdict: Verdict
+    refit: Refit | None
+    signatures: Mapping[str, Sequence[Signature]]
+    atlas: Mapping[str, AtlasEntry]
+    windows: Mapping[str, Sequence[Window]]
+    checks: Sequence[Check]
+    runs: Mapping[str, int]
+    wall_s: Mapping[str, float]
+
+    def ledger(self) -> list[LedgerEntry]:
+        """Return where the gap lies on the drives to fit."""
+        return make_ledger(self.fitted.tallies.values(), self.fitted.null, np.random.default_rng(self.seed))

@@ -1,0 +1,77 @@
+"""What a user should know of a diagnosis beside its answer: what could not be judged, and what to be careful of."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from jaxcalib.diagnosis.answer.findings import Findings
+from jaxcalib.diagnosis.inference.baseline import FAR_STEPS
+from jaxcalib.diagnosis.inference.ledger import parameter_shift
+from jaxcalib.diagnosis.inference.verdict import Verdict
+from jaxcalib.problem.problem import CalibrationProblem
+from surrogate.effects.registry import EFFECTS
+
+FEW_DRIVES = 3
+MANY_FLOORS = 4.0  # gaps of null cases on four held-out drives are 1 to 2 floors
+
+
+def not_testable(findings: Findings) -> dict[str, str]:
+    """Return the effects that could not be judged, each with the reason."""
+    reasons = {}
+    tested = {one.name for one in findings.explained}
+    for effect in EFFECTS:
+        if effect.name in tested:
+            continue
+        if effect.name == "ramp_inflow_error":
+            reasons[effect.name] = "the scenario has no ramp whose inflow is an input"
+        elif effect.has_place or effect.has_time:
+            reasons[effect.name] = "at no place and time do the drives depart from the simulation in its direction"
+        else:
+            reasons[effect.name] = "its runs failed: drivers with it collide on this road, or fill it"
+    return reasons
+
+
+def unexplained(verdict: Verdict, how_far: Mapping[str, Any]) -> list[str]:
+    """Return a warning where held-out drives show a gap that the drives to fit do not."""
+    gap, floor = how_far.get("gap_recalibrated"), how_far.get("noise_floor")
+    if verdict.effects or verdict.kind == "unknown" or gap is None or floor is None or gap < MANY_FLOORS * floor:
+        return []
+    return [
+        f"the held-out drives depart from the calibrated simulation by {gap / floor:.0f} times what chance does, the "
+        "drives to fit do not: jams that come on some days only, or an effect that shows on those days only; more "
+        "drives would tell."
+    ]
+
+
+def aliased_effects(problem: CalibrationProblem) -> tuple[str, ...]:
+    """Return the effects that cannot be told apart because place and time go together: all drives depart at once."""
+    if len({drive.depart_s for drive in problem.case.drives}) > 1:
+        return ()
+    return tuple(effect.name for effect in EFFECTS if effect.has_place or effect.has_time)
+
+
+def warnings_of(findings: Findings) -> list[str]:
+    """Return what a user should know of drives and calibration."""
+    warnings = list(findings.problem.warnings())
+    num_drives = len(findings.fitted.tallies)
+    if num_drives < FEW_DRIVES:
+        warnings.append(
+            f"case.toml: {num_drives} drives to fit; effects at one place, at one time and in memory look alike on so "
+            "few, so the answer is a set."
+        )
+    shift = parameter_shift(findings.fitted.difference, findings.fitted.null)
+    far = [name for name, one in zip(findings.problem.layout.names, shift, strict=True) if abs(one) > FAR_STEPS]
+    if far:
+        warnings.append(
+            f"the recalibration had not converged, or an effect bends it: {', '.join(far)} would move farther on all "
+            "features; slopes may be too coarse there."
+        )
+    if findings.held_out is None:
+        warnings.append("case.toml: no drive is held out; how far the gap shrinks is not told.")
+    aliased = aliased_effects(findings.problem)
+    if aliased:
+        words = ", ".join(name.replace("_", " ") for name in aliased)
+        warnings.append(
+            "case.toml: all drives depart at the same time, so place and time go together: none of these is named "
+            f"alone: {words}."
+        )
+    return warnings

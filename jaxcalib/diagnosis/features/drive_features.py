@@ -1,0 +1,43 @@
+"""All features of one drive, whoever recorded or simulated it."""
+
+import dataclasses
+from dataclasses import dataclass
+
+from jaxcalib.diagnosis.features.closed_loop import count_closed_loop
+from jaxcalib.diagnosis.features.conventions import Conventions, ExpectedDrivers
+from jaxcalib.diagnosis.features.drive_table import DriveTable
+from jaxcalib.diagnosis.features.features import TallyBook
+from jaxcalib.diagnosis.features.identities import count_identities
+from jaxcalib.diagnosis.features.replay import count_replay
+
+COARSE_S = 0.5
+
+
+@dataclass(frozen=True)
+class DriveFeatures:
+    """Counts the features of drives.
+
+    Attributes:
+        road: conventions.
+        background: expected background drivers.
+        subject: expected subject vehicle.
+    """
+
+    road: Conventions
+    background: ExpectedDrivers
+    subject: ExpectedDrivers
+
+    def of_table(self, table: DriveTable) -> TallyBook:
+        """Return the tallies of a drive; identities are left out where instants are too far apart for them."""
+        book = TallyBook()
+        steps = max(1, round(COARSE_S / table.interval_s))
+        if table.interval_s < COARSE_S:
+            count_identities(table, self.road, book)
+        coarse = table.coarser(steps)
+        count_closed_loop(coarse, self.road, book)
+        count_replay(coarse, self.road, self.background, self.subject, book)
+        return book
+
+    def with_drivers(self, background: ExpectedDrivers) -> "DriveFeatures":
+        """Return the same for other background drivers."""
+        return dataclasses.replace(self, background=background)

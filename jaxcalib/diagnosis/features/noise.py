@@ -1,0 +1,210 @@
+"""What the field would differ by without any effect: chance, the calibration's error, and the simulation's."""
+
+import re
+from dataclasses import dataclass
+
+import numpy as np
+from sklearn.covariance import LedoitWolf
+
+from jaxcalib.diagnosis.features.features import Cell, DriveTallies
+
+FEWEST_EFFECTIVE_DRIVES = 3.5
+FEWEST_EFFECTIVE_RUNS = 10.0
+# An identity holds in every drive, and what it leaves open is a tolerance rather than chance: a few drives will do.
+FEWEST_DRIVES_OF_IDENTITY, FEWEST_RUNS_OF_IDENTITY = 1.5, 4.0
+FEWEST_EVENTS = 5.0
+ROWS_PER_EVENT = 20.0  # a vehicle that shows something shows it in some 20 rows, 10 s, in a row
+TAIL, NORMAL_TAIL = 0.995, 2.807  # a quantile of means over as many drives as the field has, and the normal one
+MOST_TAIL = 3.0
+NUM_DRAWS = 1000
+CORRELATION_FLOOR = 0.15  # share of the identity that is mixed into correlations: 300 features rest on some 60 runs
+# What identities leave open: logs are rounded, integrators differ by half a step, and no simulator has the fine
+# structure of real accelerations. In each feature's own unit; logarithmic features in natural logarithms.
+OPEN = (
+    (r"distance_scale_error", 0.003),
+    (r"latency_by_", 0.05),
+    (r"distance_error_square", 1.5),
+    (r"second_difference_square", 0.7),
+    (r"second_difference_alternation", 0.3),
+    (r"acceleration_jumps", 0.06),
+    (r"held_acceleration", 0.2),
+    (r"acceleration_step_square", 0.8),
+    (r"rhythm_of_acting", 0.06),
+    (r"time_off_centre", 0.3),
+    (r"(lost|found)_inside_range", 0.3),
+    (r"share_within_", 0.01),
+    (r"acceleration_less_speed_change", 0.02),
+    (r"standing_without_leader", 0.001),
+)
+
+
+def open_deviation(cells: tuple[Cell, ...]) -> np.ndarray:
+    """Return the standard deviation that stays open for each feature, whatever the number of runs."""
+    open_s = np.zeros(len(cells))
+    for place, cell in enumerate(cells):
+        for pattern, value in OPEN:
+            if re.match(pattern, cell.measure):
+                open_s[place] = value
+    return open_s
+
+
+@dataclass(frozen=True)
+class NullModel:
+    """Distribution of the field's features where nothing is missing in the simulator but a shift of its parameters.
+
+    Features count in units of `deviation`: the noise of a field of as many drives.
+
+    Attributes:
+        cells: the features that both field and simulation observe often enough.
+        mean: features of the simulation.
+        deviation: noise of the field's features, its own simulation error included.
+        covariance: of all that is unknown without an effect, in those units.
+        noise: the same without the parameters' shift.
+        slope: change of the features per step of each parameter, in those units.
+        prior_steps: standard deviation of the shift that the calibration may have left, in steps.
+    """
+
+    cells: tuple[Cell, ...]
+    mean: np.ndarray
+    deviation: np.ndarray
+    covariance: np.ndarray
+    noise: np.ndarray
+    slope: np.ndarray
+    prior_steps: np.ndarray
+
+    def standardised(self, values: np.ndarray) -> np.ndarray:
+        """Return the difference of feature values from the simulation's, in units of noise."""
+        return (values - self.mean) / self.deviation
+
+
+def effective_number(below: np.ndarray) -> np.ndarray:
+    """Return how many drives a pooled quotient rests on, by its denominators, [drive, feature]."""
+    return below.sum(axis=0) ** 2 / np.maximum((below**2).sum(axis=0), 1e-12)
+
+
+def on_cells(tallies: DriveTallies, cells: tuple[Cell, ...]) -> DriveTallies:
+    """Return tallies of the given features; those that were never observed are 0."""
+    place = {cell: index for index, cell in enumerate(tallies.cells)}
+    above, below = np.zeros((2, len(tallies), len(cells)))
+    for index, cell in enumerate(cells):
+        if cell in place:
+            above[:, index], below[:, index] = tallies.above[:, place[cell]], tallies.below[:, place[cell]]
+    return DriveTallies(cells, above, below, tallies.depart_s, tallies.run)
+
+
+def observed_cells(field: DriveTallies, null: DriveTallies) -> tuple[Cell, ...]:
+    """Return the features that both observe often enough to have a mean and a noise."""
+    cells = tuple(cell for cell in null.cells if cell in set(field.cells))
+    field, null = on_cells(field, cells), on_cells(null, cells)
+    is_identity = open_deviation(cells) > 0.0
+    fewest_drives = np.where(is_identity, FEWEST_DRIVES_OF_IDENTITY, FEWEST_EFFECTIVE_DRIVES)
+    fewest_runs = np.where(is_identity, FEWEST_RUNS_OF_IDENTITY, FEWEST_EFFECTIVE_RUNS)
+    enough = effective_number(field.below) >= np.minimum(fewest_drives, 0.6 * len(field))
+    enough &= effective_number(null.below) >= fewest_runs
+    # events: fewer than a handful have no normal distribution
+    ratio = null.above.mean(axis=0) / np.maximum(null.below.mean(axis=0), 1e-12)
+    expected = np.abs(ratio) * field.below.sum(axis=0)
+    is_event = np.asarray([is_count(cell) for cell in cells])
+    fewest = FEWEST_EVENTS * np.asarray([rows_per_event(cell) for cell in cells])
+    enough &= ~is_event | (np.maximum(expected, np.abs(field.above.sum(axis=0))) >= fewest)
+    enough &= np.isfinite(field.values()) & np.isfinite(null.values())
+    return tuple(cell for cell, kept in zip(cells, enough, strict=True) if kept)
+
+
+def is_count(cell: Cell) -> bool:
+    """Return whether a feature's numerator counts events or rows."""
+    return bool(re.search(r"lane_changes|cut_ins|share|inside_range", cell.measure))
+
+
+def rows_per_event(cell: Cell) -> float:
+    """Return how many counted rows are one event."""
+    return ROWS_PER_EVENT if "share" in cell.measure else 1.0
+
+
+def null_model(
+    cells: tuple[Cell, ...],
+    field_below: np.ndarray,
+    null: DriveTallies,
+    slope: np.ndarray,
+    slope_error: np.ndarray,
+    prior_steps: np.ndarray,
+    more_influence: np.ndarray | None,
+    num_drives: int,
+) -> NullModel:
+    """Return the null model for a field.
+
+    Args:
+        cells: the features.
+        field_below: denominators of the field's pooled features; a mean of fewer observations is noisier.
+        null: tallies of SUMO runs with the calibrated values.
+        slope: change of the features per step of each parameter, [feature, parameter].
+        slope_error: its standard error.
+        prior_steps: prior standard deviation of the parameters' shift, in steps.
+        more_influence: influences of further runs, for the correlations; nan or 0 where they do not know a feature.
+        num_drives: drives in the field.
+    """
+    null = on_cells(null, cells)
+    influence = null.influence()
+    spread = influence.std(axis=0, ddof=1)
+    per_drive = null.below.mean(axis=0)
+    rarer = np.maximum(per_drive / np.maximum(field_below / num_drives, 1e-12), 1.0)
+    chance = spread * np.sqrt(rarer / num_drives + 1.0 / null.num_independent)
+    chance = chance * heavy_tail(influence, more_influence, num_drives)
+    poisson = np.asarray([is_count(cell) for cell in cells])
+    clump = np.asarray([rows_per_event(cell) for cell in cells])
+    total = np.maximum(np.abs(null.above.mean(axis=0)) * num_drives, clump) * clump
+    floor = np.where(poisson & ~null.is_logarithmic, np.sqrt(total) / np.maximum(field_below, 1e-12), 0.0)
+    chance = np.maximum(chance, floor)
+    open_s = open_deviation(cells)
+    deviation = np.sqrt(chance**2 + open_s**2)
+    deviation = np.maximum(deviation, 1e-9)
+    share = chance / deviation
+    correlation = shrunk_correlation(influence, spread, more_influence)
+    noise = correlation * np.outer(share, share) + np.diag((open_s / deviation) ** 2)
+    scaled = slope / deviation[:, None]
+    error = slope_error / deviation[:, None]
+    sizes = np.minimum(prior_steps, 1.0)
+    uncertain = np.diag(np.sum((error * sizes) ** 2, axis=1))
+    covariance = noise + uncertain + (scaled * prior_steps**2) @ scaled.T
+    return NullModel(cells, null.values(), deviation, covariance, noise + uncertain, scaled, prior_steps)
+
+
+def heavy_tail(influence: np.ndarray, more: np.ndarray | None, num_drives: int) -> np.ndarray:
+    """Return by how much the tail of a mean over drives is longer than a normal one of the same deviation, at least 1.
+
+    Jams come in some runs only: means of a few drives are far from normal then, and a normal tail would cry wolf.
+    """
+    random = np.random.default_rng(0)
+    longest = np.ones(influence.shape[1])
+    for runs in [influence] + ([more] if more is not None and len(more) > 30 else []):
+        spread = runs.std(axis=0, ddof=1)
+        drawn = random.integers(0, len(runs), (NUM_DRAWS, num_drives))
+        mean = np.abs(sum(runs[drawn[:, k]] for k in range(num_drives))) / num_drives
+        tail = np.quantile(mean, TAIL, axis=0) * np.sqrt(num_drives) / NORMAL_TAIL
+        longest = np.maximum(longest, np.where(spread > 0, tail / np.where(spread > 0, spread, 1.0), 1.0))
+    return np.minimum(longest, MOST_TAIL)
+
+
+def shrunk_correlation(influence: np.ndarray, spread: np.ndarray, more: np.ndarray | None) -> np.ndarray:
+    """Return correlations of features between drives, from SUMO's runs and the many more of the surrogate."""
+    own = LedoitWolf(assume_centered=True).fit(influence / np.maximum(spread, 1e-12)).covariance_
+    mixed = np.array(own)
+    if more is not None and len(more) > 30:
+        other_spread = more.std(axis=0, ddof=1)
+        known = other_spread > 0
+        scaled = np.where(known, more / np.where(known, other_spread, 1.0), 0.0)
+        other = LedoitWolf(assume_centered=True).fit(scaled).covariance_
+        both = np.outer(known, known)
+        weight = len(more) / (len(more) + 3.0 * len(influence))
+        mixed = np.where(both, (1.0 - weight) * own + weight * other, own * (1.0 - 0.5 * weight))
+    diagonal = np.sqrt(np.maximum(np.diag(mixed), 1e-9))
+    mixed = mixed / np.outer(diagonal, diagonal)
+    return nearest_correlation((1.0 - CORRELATION_FLOOR) * mixed + CORRELATION_FLOOR * np.eye(len(mixed)))
+
+
+def nearest_correlation(matrix: np.ndarray) -> np.ndarray:
+    """Return a matrix of correlations without eigenvalues that are too small."""
+    value, vector = np.linalg.eigh(0.5 * (matrix + matrix.T))
+    fixed = (vector * np.maximum(value, 0.03)) @ vector.T
+    diagonal = np.sqrt(np.diag(fixed))
+    return fixed / np.outer(diagonal, diagonal)

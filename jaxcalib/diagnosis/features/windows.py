@@ -1,0 +1,63 @@
+"""Where and when an effect acts that is not everywhere."""
+
+from dataclasses import dataclass
+
+from jaxcalib.diagnosis.features.signature import Signature
+from surrogate.effects.base import EffectSetting
+
+
+@dataclass(frozen=True)
+class Window:
+    """A place and time at which a local effect may be.
+
+    Attributes:
+        from_m: begin, as positions on the route.
+        to_m: end.
+        from_s: begin of the time; None for always.
+        to_s: its end.
+        lane: counted from the left; None for all.
+        sign: 1 where vehicles lose speed there, -1 where they gain.
+    """
+
+    from_m: float
+    to_m: float
+    from_s: float | None = None
+    to_s: float | None = None
+    lane: int | None = None
+    sign: float = 1.0
+
+    def setting(self) -> dict[str, float]:
+        """Return it for people and files."""
+        found: dict[str, float] = {"route_from_m": self.from_m, "route_to_m": self.to_m}
+        if self.from_s is not None and self.to_s is not None:
+            found |= {"time_from_s": self.from_s, "time_to_s": self.to_s}
+        if self.lane is not None:
+            found["lane_from_left"] = float(self.lane)
+        return found
+
+    def effect_setting(self, strength: float) -> EffectSetting:
+        """Return what a simulator is told of an effect here."""
+        return EffectSetting(
+            strength,
+            route_from_m=self.from_m,
+            route_to_m=self.to_m,
+            time_from_s=self.from_s,
+            time_to_s=self.to_s,
+            choice=None if self.lane is None else float(self.lane),
+        )
+
+
+def window_of(signature: Signature) -> Window | None:
+    """Return where and when a signature's effect acts; None for everywhere."""
+    at = signature.setting
+    if "route_from_m" not in at:
+        return None
+    lane = at.get("lane_from_left")
+    return Window(
+        at["route_from_m"],
+        at["route_to_m"],
+        at.get("time_from_s"),
+        at.get("time_to_s"),
+        None if lane is None else int(lane),
+        signature.sign,
+    )

@@ -1,0 +1,1 @@
+"""Which explanation agrees with the field: evidence, contests, refits, verdict."""

@@ -1,0 +1,193 @@
+"""What each parameter and each effect would do to the features: known before the field is looked at."""
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from jaxcalib.diagnosis.features.altered_drives import ALTERATIONS, RHYTHMS
+from jaxcalib.diagnosis.features.features import Cell, DriveTallies
+from jaxcalib.diagnosis.features.noise import NullModel
+from jaxcalib.diagnosis.features.signature import Signature
+from jaxcalib.diagnosis.features.windows import Window
+from jaxcalib.diagnosis.runs.null_runs import NullRuns
+from jaxcalib.diagnosis.runs.parameter_steps import parameter_steps
+from jaxcalib.diagnosis.runs.trials import BASELINE, Trial, has_pairs, paired_difference
+from sim_adapters.interface import ParameterLayout
+from surrogate.effects.base import ActsOn, Effect, EffectSetting
+from surrogate.effects.registry import EFFECTS
+
+ALTERED_EXACTNESS = 0.4  # of altered drives: no surrogate, but the same effect may come in another form
+# What reads an effect's strength from the log itself: by it strengths are told, whatever traffic makes of the effect.
+READINGS = {"gap_sensor_bias": r"distance_scale_error", "sensor_latency": r"latency_by_"}
+READING_EXACTNESS = 0.1
+
+
+@dataclass(frozen=True)
+class EffectTrial:
+    """A trial of an effect.
+
+    Attributes:
+        effect: the effect.
+        strength: its strength, with its sign.
+        window: where and when; None for everywhere.
+        trial: what to run.
+    """
+
+    effect: Effect
+    strength: float
+    window: Window | None
+    trial: Trial
+
+
+@dataclass
+class Slopes:
+    """Change of the features with the parameters, and how features vary from drive to drive in the surrogate."""
+
+    slope: np.ndarray
+    error: np.ndarray
+    influence: np.ndarray
+
+
+def parameter_trials(layout: ParameterLayout, values: np.ndarray, num_runs: int, first_run: int = 0) -> list[Trial]:
+    """Return the trials for slopes, the baseline first; runs before the first were made before."""
+    steps = parameter_steps(layout, values)
+    trials = [Trial(BASELINE, _tuple(values), num_runs, first_run=first_run)]
+    for place, name in enumerate(layout.names):
+        for sign in (1.0, -1.0):
+            moved = values.copy()
+            moved[place] = max(moved[place] + sign * steps[place], 0.0)
+            trials.append(Trial(f"{name} {sign:+.0f}", _tuple(moved), num_runs, first_run=first_run))
+    return trials
+
+
+def slopes_of(layout: ParameterLayout, found: Mapping[str, DriveTallies], cells: Sequence[Cell]) -> Slopes:
+    """Return the slopes that parameter trials show."""
+    size = (len(cells), len(layout.names))
+    slope, error = np.zeros(size), np.zeros(size)
+    influence = [paired_difference(found[BASELINE], found[BASELINE], cells)[2]]
+    for place, name in enumerate(layout.names):
+        up, down = found[f"{name} +1"], found[f"{name} -1"]
+        difference, noise, own = paired_difference(up, down, cells)
+        other = paired_difference(down, up, cells)[2]
+        slope[:, place] = 0.5 * difference
+        error[:, place] = np.where(np.isfinite(noise), 0.5 * noise, 0.0)
+        influence += [own, other]
+    return Slopes(slope, error, np.vstack(influence))
+
+
+def effect_trials(values: np.ndarray, num_runs: int, windows: Mapping[str, Sequence[Window]]) -> list[EffectTrial]:
+    """Return the trials of all effects that the surrogate shows, at medium and strong.
+
+    Args:
+        values: calibrated values.
+        num_runs: runs of each.
+        windows: places and times of local effects, by effect; an effect without any is not tried.
+    """
+    trials = []
+    for effect in EFFECTS:
+        if effect.acts_on is ActsOn.SENSOR or effect.name == "ramp_inflow_error":
+            continue
+        is_local = effect.has_place or effect.has_time
+        for window in windows.get(effect.name, ()) if is_local else (None,):
+            for strength in effect_strengths(effect, window):
+                setting = window.effect_setting(strength) if window else EffectSetting(strength)
+                name = f"{effect.name} {strength:g} {window}"
+                trial = Trial(name, _tuple(values), num_runs, {effect.name: setting})
+                trials.append(EffectTrial(effect, strength, window, trial))
+    return trials
+
+
+def effect_strengths(effect: Effect, window: Window | None) -> tuple[float, ...]:
+    """Return the strengths at which an effect is tried."""
+    if effect.name == "blockage" and window is not None and window.from_s is not None and window.to_s is not None:
+        return (window.to_s - window.from_s,)  # it stands as long as the window
+    sign = window.sign if window is not None and effect.is_signed else 1.0
+    return (sign * effect.medium, sign * effect.strong)
+
+
+def surrogate_signatures(
+    trials: Sequence[EffectTrial], found: Mapping[str, DriveTallies], null: NullModel
+) -> dict[str, list[Signature]]:
+    """Return the signatures that trials show, by effect, in units of noise; a trial whose runs failed shows none."""
+    groups: dict[tuple[str, Window | None], list[EffectTrial]] = {}
+    for one in trials:
+        if not has_pairs(found[one.trial.name], found[BASELINE]):
+            continue
+        groups.setdefault((one.effect.name, one.window), []).append(one)
+    signatures: dict[str, list[Signature]] = {}
+    for (name, window), members in groups.items():
+        rows = [paired_difference(found[m.trial.name], found[BASELINE], null.cells)[:2] for m in members]
+        setting = window.setting() if window else {}
+        signature = _signature(name, setting, [m.strength for m in members], rows, null)
+        signatures.setdefault(name, []).append(signature)
+    return signatures
+
+
+def altered_signatures(
+    runs: NullRuns, null: NullModel, behaviour: Mapping[str, list[Signature]]
+) -> dict[str, list[Signature]]:
+    """Return the signatures that altered SUMO runs show.
+
+    Sensor effects are exact there. Effects with a rhythm get their identities from there and the rest from the
+    surrogate; each rhythm is a signature of its own, for it does not lie between two others.
+    """
+    found: dict[str, list[Signature]] = {}
+    for name in ALTERATIONS:
+        strengths = sorted(strength for effect, strength in runs.altered if effect == name)
+        for sign in (1.0, -1.0):
+            chosen = [strength for strength in strengths if sign * strength > 0]
+            chosen.sort(key=abs)
+            if chosen:
+                rows = [_altered(runs, name, strength, null) for strength in chosen]
+                signature = _signature(name, {}, chosen, rows, null, altered_exactness(name, null.cells))
+                found.setdefault(name, []).append(signature)
+    is_identity = np.asarray([cell.channel == "identity" for cell in null.cells])
+    for name in RHYTHMS:
+        strengths = sorted(strength for effect, strength in runs.altered if effect == name)
+        for strength in strengths:
+            shift, error = _altered(runs, name, strength, null)
+            shift, error = shift / null.deviation, error / null.deviation
+            for one in behaviour.get(name, ()):
+                traffic, noise = one.at(strength)
+                both = np.where(is_identity, shift, traffic)
+                noises = np.where(is_identity, error, noise)
+                grid = np.asarray([0.0, strength])
+                zero = np.zeros_like(both)
+                found.setdefault(name, []).append(
+                    Signature(name, {}, grid, np.stack([zero, both]), np.stack([zero, noises]), is_fixed=True)
+                )
+    return found
+
+
+def altered_exactness(name: str, cells: Sequence[Cell]) -> np.ndarray:
+    """Return the exactness of a sensor effect's signature in each feature."""
+    reading = READINGS.get(name)
+    is_reading = [reading is not None and bool(re.match(reading, cell.measure)) for cell in cells]
+    return np.where(is_reading, READING_EXACTNESS, ALTERED_EXACTNESS)
+
+
+def _altered(runs: NullRuns, name: str, strength: float, null: NullModel) -> tuple[np.ndarray, np.ndarray]:
+    shift, error, _ = paired_difference(runs.altered[name, strength], runs.plain, null.cells)
+    return shift, error
+
+
+def _signature(
+    name: str,
+    setting: Mapping[str, float],
+    strengths: Sequence[float],
+    rows: Sequence[tuple[np.ndarray, np.ndarray]],
+    null: NullModel,
+    exactness: float | np.ndarray = 1.0,
+) -> Signature:
+    zero = np.zeros(len(null.cells))
+    shift = np.stack([zero, *(row[0] / null.deviation for row in rows)])
+    error = np.stack([zero, *(np.where(np.isfinite(row[1]), row[1], 0.0) / null.deviation for row in rows)])
+    sign = float(np.sign(strengths[0]))
+    sizes = np.abs([0.0, *strengths])
+    return Signature(name, setting, sizes, shift, error, exactness, sign, is_fixed=name == "blockage")
+
+
+def _tuple(values: np.ndarray) -> tuple[float, ...]:
+    return tuple(float(value) for value in values)

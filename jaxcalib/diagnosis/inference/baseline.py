@@ -1,0 +1,242 @@
+"""The calibrated simulation as a diagnosis needs it: SUMO's null runs, the parameters' slopes, the drives against it.
+
+Nothing is tested before the recalibration has converged. The calibration matches its own measures; where all features
+of the diagnosis together would still move a parameter far, it is moved there and everything is made again. Else what a
+poor calibration leaves would be taken for an effect. How far to go is found out in the surrogate, whose runs are cheap:
+by what the move changes there.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from jaxcalib.calibration.stages.evaluator import AllRunsFailedError
+from jaxcalib.diagnosis.features.conventions import conventions_of, expected_drivers
+from jaxcalib.diagnosis.features.drive_features import DriveFeatures
+from jaxcalib.diagnosis.features.drive_table import DriveTable
+from jaxcalib.diagnosis.features.features import DriveTallies, gather_tallies, joined_tallies
+from jaxcalib.diagnosis.features.noise import NullModel
+from jaxcalib.diagnosis.inference.atlas import parameter_trials
+from jaxcalib.diagnosis.inference.investigation import NotTestableError, Prepared, prepare
+from jaxcalib.diagnosis.inference.ledger import parameter_shift
+from jaxcalib.diagnosis.runs.explained_runs import LEAST_VALUE_SHARE
+from jaxcalib.diagnosis.runs.null_runs import NullRuns
+from jaxcalib.diagnosis.runs.parameter_steps import parameter_steps
+from jaxcalib.diagnosis.runs.plan import DiagnosisBudget
+from jaxcalib.diagnosis.runs.stages import Stages
+from jaxcalib.diagnosis.runs.sumo_runs import SumoRuns
+from jaxcalib.diagnosis.runs.trial_engine import trial_runner
+from jaxcalib.diagnosis.runs.trials import Trial, TrialRunner, has_pairs, paired_difference
+from jaxcalib.problem.problem import CalibrationProblem
+from jaxcalib.runs.progress import Progress
+
+MOST_ROUNDS = 3
+FAR_STEPS = 3.0  # beyond them a linear shift of parameters is no longer to be trusted
+LONGEST_STEPS = 5.0  # that a parameter is moved at once
+MOST_MOVES = 3  # in the surrogate, before SUMO runs where they led
+
+
+@dataclass(frozen=True)
+class Baseline:
+    """The calibrated simulation, and the drives against it.
+
+    Attributes:
+        values: parameter values.
+        features: what is counted.
+        in_sumo: makes SUMO's runs.
+        runs: SUMO's runs without effect.
+        runner: makes the surrogate's trials.
+        found: tallies of the parameters' trials by name.
+        field: tallies of all drives.
+        fitted: null model and drives to fit.
+    """
+
+    values: np.ndarray
+    features: DriveFeatures
+    in_sumo: SumoRuns
+    runs: NullRuns
+    runner: TrialRunner
+    found: dict[str, DriveTallies]
+    field: DriveTallies
+    fitted: Prepared
+
+    @property
+    def shift(self) -> np.ndarray:
+        """By how much all features would move the parameters, in steps."""
+        return parameter_shift(self.fitted.difference, self.fitted.null)
+
+    @property
+    def misfit(self) -> float:
+        """Mean squared misfit of a feature, after that shift, in units of noise."""
+        return _misfit(self.fitted.difference, self.fitted.null)
+
+
+@dataclass(frozen=True)
+class Converged:
+    """Where baselines led.
+
+    Attributes:
+        baseline: the one to stay with.
+        num_baselines: how many were begun.
+        num_surrogate_runs: runs of the surrogate that the others took, and the way between them.
+    """
+
+    baseline: Baseline
+    num_baselines: int
+    num_surrogate_runs: int
+
+
+@dataclass(frozen=True)
+class BaselineMaker:
+    """Makes baselines.
+
+    Attributes:
+        problem: the problem.
+        plan: numbers of runs.
+        stages: keeps finished parts.
+        first_seed: of SUMO's runs.
+        trial_seed: of the surrogate's.
+        tables: the drives.
+        progress: told of runs.
+        bounds: least and largest value of each parameter; features bent by an effect must not lead beyond them.
+    """
+
+    problem: CalibrationProblem
+    plan: DiagnosisBudget
+    stages: Stages
+    first_seed: int
+    trial_seed: int
+    tables: Sequence[DriveTable]
+    progress: Progress
+    bounds: tuple[np.ndarray, np.ndarray]
+
+    def converged(self, values: np.ndarray) -> Converged:
+        """Return the baseline that agrees best with the drives to fit, with all its runs.
+
+        Which way to move takes fewer runs than to judge drives by them.
+
+        Args:
+            values: calibrated values, to begin with.
+
+        Raises:
+            NotTestableError: the drives show too little.
+        """
+        best, number, num_moves = self.at(values, None), 1, 0
+        while number < MOST_ROUNDS and np.max(np.abs(best.shift)) > FAR_STEPS:
+            way, tried = self.moved(best)
+            num_moves += tried + bool(tried)  # where they begin is run, too
+            nearer = None
+            for values in way[-1:] + way[:-1][:1]:  # where the surrogate leads, or else its first step
+                if nearer is not None or number == MOST_ROUNDS:
+                    break
+                number += 1
+                try:
+                    latest = self.at(values, best.runner)
+                except (NotTestableError, AllRunsFailedError):
+                    continue  # too little is seen there, or the subject vehicle finds no way in
+                nearer = latest if latest.misfit < best.misfit else None
+            if nearer is None:
+                break
+            best = nearer
+        slope_runs = (2 * len(values) + 1) * self.plan.first_slope_runs
+        return Converged(self.whole(best), number, (number - 1) * slope_runs + num_moves * self.plan.slope_runs)
+
+    def moved(self, best: Baseline) -> tuple[list[np.ndarray], int]:
+        """Return the values to which the drives to fit would move a baseline, step by step, and how many were tried.
+
+        After each move the surrogate says what it changed; what the drives still differ by asks for the next one. A
+        move that does not come nearer is not made.
+
+        Args:
+            best: a baseline.
+        """
+        null, difference, values = best.fitted.null, best.fitted.difference, best.values
+        sizes = parameter_steps(self.problem.layout, values)
+        least = np.maximum(self.bounds[0], LEAST_VALUE_SHARE * values)
+        way, num_tried = [], 0
+        while num_tried < MOST_MOVES:
+            shift = parameter_shift(difference, null)
+            if np.max(np.abs(shift)) <= FAR_STEPS:
+                break
+            further = np.clip(values + sizes * np.clip(shift, -LONGEST_STEPS, LONGEST_STEPS), least, self.bounds[1])
+            change = self._change(best, further)
+            num_tried += 1
+            if change is None or _misfit(best.fitted.difference - change, null) >= _misfit(difference, null):
+                break
+            values, difference = further, best.fitted.difference - change
+            way.append(values)
+        return way, num_tried
+
+    def _change(self, best: Baseline, values: np.ndarray) -> np.ndarray | None:
+        """Return by how much features of the surrogate change from a baseline's values to others, in units of noise.
+
+        None where runs fail.
+        """
+        here, there = (self._surrogate_at(each, best) for each in (best.values, values))
+        if not has_pairs(there, here):
+            return None
+        null = best.fitted.null
+        return paired_difference(there, here, null.cells)[0] / null.deviation
+
+    def _surrogate_at(self, values: np.ndarray, best: Baseline) -> DriveTallies:
+        """Return the surrogate's runs at some values, counted as for a baseline; they are made once."""
+        trial = Trial("moved", tuple(float(one) for one in values), self.plan.slope_runs)
+        part = f"moved {trial.values!r} from {best.values.tolist()!r}"
+        return self.stages.tallies(part, lambda: best.runner.run([trial], self.progress.surrogate_runs))[trial.name]
+
+    def whole(self, first: Baseline) -> Baseline:
+        """Return a baseline with all its runs.
+
+        Raises:
+            NotTestableError: the drives show too little.
+        """
+        self.progress.stage("null")
+        runs, found = first.in_sumo.whole_null(first.runs), first.found
+        begin = self.plan.first_slope_runs
+        if begin < self.plan.slope_runs:
+            self.progress.stage("atlas")
+            further = self._slopes(first.values, first.runner, self.plan.slope_runs - begin, begin)
+            found = {name: joined_tallies(tallies, further[name]) for name, tallies in found.items()}
+        return replace(first, runs=runs, found=found, fitted=self._fitted(first.field, runs, found))
+
+    def at(self, values: np.ndarray, runner: TrialRunner | None) -> Baseline:
+        """Return the baseline at some values, with the first of its runs.
+
+        Args:
+            values: the values.
+            runner: of an earlier baseline, whose program serves again; None for a new one.
+
+        Raises:
+            NotTestableError: the drives show too little.
+        """
+        problem, progress = self.problem, self.progress
+        background, subject = expected_drivers(problem, values)
+        features = DriveFeatures(conventions_of(problem), background, subject)
+        progress.stage("null")
+        in_sumo = SumoRuns(problem, features, values, self.plan, self.stages, self.first_seed, progress.sumo_runs)
+        runs = in_sumo.first_null()
+        progress.stage("atlas")
+        if runner is None:
+            runner = trial_runner(problem, features, self.trial_seed)
+        runner = replace(runner, features=features)
+        found = self._slopes(values, runner, self.plan.first_slope_runs, 0)
+        departs = [drive.depart_s for drive in problem.case.drives]
+        field = gather_tallies([features.of_table(table) for table in self.tables], departs)
+        fitted = self._fitted(field, runs, found)
+        return Baseline(values, features, in_sumo, runs, runner, found, field, fitted)
+
+    def _slopes(
+        self, values: np.ndarray, runner: TrialRunner, num_runs: int, first_run: int
+    ) -> dict[str, DriveTallies]:
+        trials = parameter_trials(self.problem.layout, values, num_runs, first_run)
+        part = f"slopes {values.tolist()!r} from run {first_run}"
+        return self.stages.tallies(part, lambda: runner.run(trials, self.progress.surrogate_runs))
+
+    def _fitted(self, field: DriveTallies, runs: NullRuns, found: Mapping[str, DriveTallies]) -> Prepared:
+        is_fit = np.asarray([drive.role == "fit" for drive in self.problem.drives])
+        return prepare(self.problem, field.take(is_fit), runs, found)
+
+
+def _misfit(difference: np.ndarray, null: NullModel) -> float:
+    return float(difference @ np.linalg.solve(null.covariance, difference)) / len(difference)

@@ -1,0 +1,189 @@
+"""How well each explanation agrees with the field: marginal likelihoods over strength, place and parameters.
+
+All differences are in units of the field's noise. Under an explanation of strength s the field's difference from the
+baseline is normal around the effect's signature m(s), with the null's covariance, plus what the surrogate may get
+wrong of the signature: a share of its size in each feature, and the error of the runs it was measured with.
+
+Source: marginal likelihood for a linear model with normal nuisance parameters, e.g. Kass & Raftery (1995), JASA 90;
+the discrepancy as a term of the covariance: Kennedy & O'Hagan (2001), J. R. Stat. Soc. B 63.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+from scipy.special import logsumexp
+from scipy.stats import chi2
+
+from jaxcalib.diagnosis.features.features import Cell
+from jaxcalib.diagnosis.features.noise import NullModel
+from jaxcalib.diagnosis.features.signature import Signature
+
+SIGNATURE_ERROR = 0.5  # of a signature's size in a feature; see docs/diagnosis.md for how it was measured
+ERRORS_ALIKE = 0.5  # share of a signature's error that is alike in features whose noise is alike
+MOST_STRENGTH = 1.15  # of strong; beyond it a signature is not extrapolated
+# Explanations and strengths are told apart by the shape of signatures that a surrogate made; its errors are alike in
+# neighbouring features, which the model counts as independent. So differences between them count for less than they
+# seem.
+TEMPERATURE = 4.0
+STRENGTHS = (0.15, 0.3, 0.5, 0.75, 1.0, 1.4, 1.8, 2.2)  # of medium, whose signatures are measured at medium and strong
+FIXED_STRENGTHS = np.asarray((0.6, 1.0))
+UNKNOWN_SIZES = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0)
+# An explanation fits if chance leaves as large a squared misfit in one of a hundred cases; the noise model is on the
+# safe side, so that sets of null runs and right explanations leave about half of what it expects.
+CHANCE_OF_MISFIT = 0.01
+NEARLY_ALL = 0.1  # what may be left of a misfit that counts as explained: strong effects leave details
+NONE, UNKNOWN = "none", "unknown"
+
+
+@dataclass(frozen=True)
+class Explained:
+    """How one explanation fares.
+
+    Attributes:
+        name: effect, or none, or unknown.
+        log_evidence: logarithm of the marginal likelihood; in a contest, what of it other drives confirm.
+        strength: posterior mean; 0 for none and unknown.
+        interval: 90 % interval of the strength.
+        setting: place and time that agree best.
+        best_misfit: whitened squared misfit at the best strength, and its number of features.
+        shift: expected signature at the posterior.
+        cross_validated_gain: by how much it raises the log-likelihood of drives that it was not fitted to; None where
+            that was not judged.
+    """
+
+    name: str
+    log_evidence: float
+    strength: float = 0.0
+    interval: tuple[float, float] = (0.0, 0.0)
+    setting: Mapping[str, float] | None = None
+    best_misfit: float = float("nan")
+    shift: np.ndarray | None = None
+    cross_validated_gain: float | None = None
+
+
+def log_density(difference: np.ndarray, covariance: np.ndarray) -> tuple[float, float]:
+    """Return the logarithm of a normal density around 0, and the squared whitened difference."""
+    factor = cho_factor(covariance, lower=True, check_finite=False)
+    square = float(difference @ cho_solve(factor, difference, check_finite=False))
+    log_determinant = 2.0 * float(np.log(np.diag(factor[0])).sum())
+    return -0.5 * (square + log_determinant + len(difference) * np.log(2 * np.pi)), square
+
+
+def explain_none(difference: np.ndarray, null: NullModel) -> Explained:
+    """Return how well the baseline alone agrees."""
+    value, square = log_density(difference, null.covariance)
+    return Explained(NONE, value, best_misfit=square)
+
+
+def explain_unknown(difference: np.ndarray, null: NullModel, groups: Sequence[np.ndarray]) -> Explained:
+    """Return how well something agrees that shifts features of one group, or of all, in no known pattern."""
+    values, squares = [], []
+    for group in groups:
+        for size in UNKNOWN_SIZES:
+            value, square = log_density(difference, null.covariance + np.diag(group * size**2))
+            values.append(value)
+            squares.append(square)
+    return Explained(UNKNOWN, float(logsumexp(values) - np.log(len(values))), best_misfit=float(min(squares)))
+
+
+def explain(
+    difference: np.ndarray, null: NullModel, signatures: Sequence[Signature], medium: float, num_places: int = 1
+) -> Explained:
+    """Return how well an effect agrees, over its strengths and places.
+
+    Args:
+        difference: the field's features less the baseline's, in units of noise.
+        null: the null model.
+        signatures: of the effect, one for each place and time; all are equally likely beforehand.
+        medium: its medium strength, on whose scale strengths are equally likely.
+        num_places: how many places and times were looked at to find the signatures' ones: looking costs.
+    """
+    alike = alike_errors(null)
+    values, squares, strengths, places = [], [], [], []
+    shifts = []
+    for place, signature in enumerate(signatures):
+        tried = strengths_of(signature, medium)
+        for strength in tried:
+            shift, uncertain = predicted(signature, strength, alike)
+            covariance = null.covariance + uncertain
+            value, square = log_density(difference - shift, covariance)
+            values.append(value - np.log(len(tried)))
+            squares.append(square)
+            strengths.append(signature.sign * (signature.strengths[-1] if signature.is_fixed else strength))
+            places.append(place)
+            shifts.append(shift)
+    log_values = np.asarray(values)
+    tempered = log_values / TEMPERATURE
+    posterior = np.exp(tempered - np.logaddexp.reduce(tempered))
+    best = int(np.argmax(log_values))
+    strength = np.asarray(strengths)
+    mean = float(posterior @ strength)
+    order = np.argsort(strength)
+    cumulated = np.cumsum(posterior[order])
+    low = strength[order][int(np.searchsorted(cumulated, 0.05))]
+    high = strength[order][min(int(np.searchsorted(cumulated, 0.95)), len(order) - 1)]
+    return Explained(
+        name=signatures[0].effect,
+        log_evidence=float(logsumexp(log_values) - np.log(max(num_places, len(signatures)))),
+        strength=mean,
+        interval=(float(low), float(high)),
+        setting=signatures[places[best]].setting,
+        best_misfit=squares[best],
+        shift=posterior @ np.asarray(shifts),
+    )
+
+
+def most_misfit(num_features: int) -> float:
+    """Return the largest squared misfit of an explanation that fits."""
+    return float(chi2.isf(CHANCE_OF_MISFIT, num_features))
+
+
+def alike_errors(null: NullModel) -> np.ndarray:
+    """Return the correlations of what a signature may be wrong by."""
+    deviation = np.sqrt(np.diag(null.noise))
+    noise = null.noise / np.outer(deviation, deviation)
+    return ERRORS_ALIKE * noise + (1.0 - ERRORS_ALIKE) * np.eye(len(deviation))
+
+
+def strengths_of(signature: Signature, medium: float) -> np.ndarray:
+    """Return the strengths at which a signature is judged, all equally likely beforehand."""
+    if signature.is_fixed:
+        return FIXED_STRENGTHS * signature.strengths[-1]
+    tried = np.asarray(STRENGTHS) * medium
+    return tried[tried <= MOST_STRENGTH * max(signature.strengths[-1], medium)]
+
+
+def predicted(signature: Signature, strength: float, alike: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return what a signature predicts at a strength, and the covariance of what it may be wrong by."""
+    shift, error = signature.at(strength)
+    wrong = SIGNATURE_ERROR * signature.exactness * shift
+    return shift, np.outer(wrong, wrong) * alike + np.diag(error**2)
+
+
+def signature_behind(several: Sequence[Signature], one: Explained) -> Signature:
+    """Return the signature that speaks for an explanation: at its place, of its sign, of rhythms the nearest."""
+    there = [each for each in several if dict(each.setting) == dict(one.setting or {})] or list(several)
+    with_sign = [each for each in there if each.sign * one.strength >= 0.0] or there
+    if not with_sign[0].is_fixed:
+        return with_sign[0]
+    return min(with_sign, key=lambda each: abs(each.strengths[-1] - abs(one.strength)))
+
+
+def groups_of(cells: Sequence[Cell]) -> list[np.ndarray]:
+    """Return masks of what something unknown may shift: all features, or those of one channel, role, lane, or kind."""
+    masks = [np.ones(len(cells), bool)]
+    keys = [
+        lambda c: c.channel,
+        lambda c: f"lane {c.lane}" if c.lane is not None and c.from_m is None else "",
+        lambda c: "subject" if c.role == "subject" else "",
+        lambda c: f"{c.measure}" if c.from_m is None else f"{c.measure} by place",
+    ]
+    for key in keys:
+        names = [key(cell) for cell in cells]
+        for name in dict.fromkeys(names):
+            mask = np.asarray([one == name for one in names])
+            if name and mask.sum() >= 2:
+                masks.append(mask)
+    return [mask.astype(float) for mask in masks]

@@ -1,0 +1,173 @@
+"""From the runs to the explanations: null model, signatures, evidence; no simulator enters."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from jaxcalib.diagnosis.features.features import DriveTallies
+from jaxcalib.diagnosis.features.noise import NullModel, null_model, observed_cells, on_cells
+from jaxcalib.diagnosis.features.signature import Signature
+from jaxcalib.diagnosis.inference.atlas import EffectTrial, Slopes, altered_signatures, slopes_of, surrogate_signatures
+from jaxcalib.diagnosis.inference.evidence import (
+    Explained,
+    explain,
+    explain_none,
+    explain_unknown,
+    groups_of,
+    log_density,
+)
+from jaxcalib.diagnosis.inference.ledger import parameter_shift, shift_covariance
+from jaxcalib.diagnosis.inference.ramp_inflow import explain_ramps
+from jaxcalib.diagnosis.runs.null_runs import NullRuns
+from jaxcalib.diagnosis.runs.parameter_steps import parameter_steps
+from jaxcalib.problem.problem import CalibrationProblem
+from surrogate.effects.registry import effect_named
+
+FEWEST_FEATURES = 20
+PRIOR_STEPS = 1.5  # shift that a calibration leaves, in steps of `atlas.STEPS`
+
+
+class NotTestableError(RuntimeError):
+    """The drives show too little to judge anything by."""
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """The null model for some drives, and what makes it.
+
+    Attributes:
+        tallies: of the drives.
+        null: the null model.
+        difference: features of the drives less the simulation's, in units of noise.
+        slopes: change of features with the parameters, in their own units.
+    """
+
+    tallies: DriveTallies
+    null: NullModel
+    difference: np.ndarray
+    slopes: Slopes
+
+
+def prepare(
+    problem: CalibrationProblem, drives: DriveTallies, runs: NullRuns, trials: Mapping[str, DriveTallies]
+) -> Prepared:
+    """Return the null model for drives.
+
+    Args:
+        problem: the problem.
+        drives: tallies of the drives.
+        runs: SUMO runs with the calibrated values.
+        trials: trials of the parameters.
+
+    Raises:
+        NotTestableError: too few features are observed.
+    """
+    cells = observed_cells(drives, runs.plain)
+    if len(cells) < FEWEST_FEATURES:
+        raise NotTestableError(f"{len(cells)} features are observed often enough; {FEWEST_FEATURES} are needed")
+    seen = on_cells(drives, cells)
+    slopes = slopes_of(problem.layout, trials, cells)
+    null = null_model(
+        cells,
+        seen.below.sum(axis=0),
+        runs.plain,
+        slopes.slope,
+        slopes.error,
+        np.full(len(problem.layout.names), PRIOR_STEPS),
+        slopes.influence,
+        len(drives),
+    )
+    return Prepared(seen, null, null.standardised(seen.values()), slopes)
+
+
+def all_signatures(
+    prepared: Prepared, runs: NullRuns, trials: Sequence[EffectTrial], found: Mapping[str, DriveTallies]
+) -> dict[str, list[Signature]]:
+    """Return the signatures of all effects that were tried, in units of noise."""
+    behaviour = surrogate_signatures(trials, found, prepared.null)
+    altered = altered_signatures(runs, prepared.null, behaviour)
+    return behaviour | altered
+
+
+def explanations(
+    problem: CalibrationProblem,
+    values: np.ndarray,
+    prepared: Prepared,
+    signatures: Mapping[str, Sequence[Signature]],
+    num_places: Mapping[str, int],
+) -> list[Explained]:
+    """Return how each explanation fares on the drives to fit, best first.
+
+    Args:
+        problem: the problem.
+        values: calibrated values.
+        prepared: null model and drives.
+        signatures: of all effects that were tried.
+        num_places: how many places were looked at for each local effect.
+    """
+    null, difference = prepared.null, prepared.difference
+    none = explain_none(difference, null)
+    found = [none, explain_unknown(difference, null, groups_of(null.cells))]
+    for name, several in signatures.items():
+        found.append(explain(difference, null, several, effect_named(name).medium, num_places.get(name, 1)))
+    ramps = explain_ramps(none.log_evidence, *input_ratios(problem, values, prepared))
+    if ramps is not None:
+        found.append(ramps)
+    return sorted(found, key=lambda one: -one.log_evidence)
+
+
+def input_ratios(
+    problem: CalibrationProblem, values: np.ndarray, prepared: Prepared
+) -> tuple[dict[int, tuple[float, float]], float]:
+    """Return each ramp's calibrated inflow over the scenario's with its error, and the main entrance's ratio."""
+    layout, given = problem.layout, problem.template.base_demand_vehph()
+    steps = parameter_steps(layout, values)
+    shifted = values + steps * parameter_shift(prepared.difference, prepared.null)
+    error = steps * np.sqrt(np.maximum(np.diag(shift_covariance(prepared.null)), 0.0))
+    entrance = {flow.id: flow.route[0] for flow in problem.scenario.flows}
+    main = problem.scenario.demand.subject_route[0]
+    is_main = [any(entrance[flow] == main for flow in flows) for flows in layout.input_flows]
+    ratio = {k: (float(shifted[k] / given[k]), float(error[k] / given[k])) for k in range(layout.num_inputs)}
+    mains = [ratio[k][0] for k in range(layout.num_inputs) if is_main[k]]
+    return {k: one for k, one in ratio.items() if not is_main[k]}, float(np.mean(mains)) if mains else 1.0
+
+
+def shift_in_errors(problem: CalibrationProblem, values: np.ndarray, prepared: Prepared) -> float:
+    """Return by how many of its errors the calibration has moved the parameter that moved farthest."""
+    steps = parameter_steps(problem.layout, values)
+    shifted = values + steps * parameter_shift(prepared.difference, prepared.null)
+    error = steps * np.sqrt(np.maximum(np.diag(shift_covariance(prepared.null)), 1e-12))
+    return float(np.max(np.abs(shifted - problem.template.base_values()) / error))
+
+
+def gain_of(one: Explained, held_out: Prepared, fitted: Prepared) -> float | None:
+    """Return the gain in log-likelihood per held-out drive of an explanation against the recalibrated baseline."""
+    if one.shift is None:
+        return None
+    shift = transfer(one.shift, fitted.null, held_out.null)
+    before, _ = log_density(held_out.difference, held_out.null.covariance)
+    extra = np.diag((0.5 * shift) ** 2)
+    after, _ = log_density(held_out.difference - shift, held_out.null.covariance + extra)
+    return (after - before) / len(held_out.tallies)
+
+
+def moved(signature: Signature, of: Prepared, to: Prepared) -> Signature:
+    """Return a signature in the features and units of another null model."""
+    exactness = dict(zip(of.null.cells, np.broadcast_to(signature.exactness, len(of.null.cells)), strict=True))
+    return replace(
+        signature,
+        exactness=np.asarray([exactness.get(cell, 1.0) for cell in to.null.cells]),
+        shift=np.stack([transfer(row, of.null, to.null) for row in signature.shift]),
+        error=np.stack([transfer(row, of.null, to.null) for row in signature.error]),
+    )
+
+
+def transfer(shift: np.ndarray, of: NullModel, to: NullModel) -> np.ndarray:
+    """Return a shift of features in units of another null model's noise; features that it lacks are left out."""
+    known = {cell: place for place, cell in enumerate(of.cells)}
+    moved = np.zeros(len(to.cells))
+    for place, cell in enumerate(to.cells):
+        if cell in known:
+            moved[place] = shift[known[cell]] * of.deviation[known[cell]] / to.deviation[place]
+    return moved

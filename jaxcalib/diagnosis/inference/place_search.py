@@ -1,0 +1,111 @@
+"""Local effects tried again nearby: begin and end, in place and time, are searched for from the first windows on."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from jaxcalib.diagnosis.features.features import DriveTallies
+from jaxcalib.diagnosis.features.noise import NullModel
+from jaxcalib.diagnosis.features.signature import Signature
+from jaxcalib.diagnosis.features.windows import Window, window_of
+from jaxcalib.diagnosis.inference.atlas import EffectTrial, effect_trials, surrogate_signatures
+from jaxcalib.diagnosis.inference.evidence import Explained, explain, signature_behind
+from surrogate.effects.base import Effect
+from surrogate.effects.registry import effect_named
+
+STEPS = ((100.0, 40.0), (50.0, 20.0))  # m and s, round by round
+MOST_REFINED = 2  # local effects
+AMONG_BEST = 4  # explanations
+LEAST_IMPROVEMENT = 1.0  # of the log evidence
+SHORTEST_M, SHORTEST_S = 100.0, 30.0
+MOVES = ((1, 1), (-1, -1), (-1, 0), (1, 0), (0, -1), (0, 1))  # of begin and end, in steps
+
+RunTrials = Callable[[Sequence[EffectTrial]], Mapping[str, DriveTallies]]
+
+
+def refine_places(
+    difference: np.ndarray,
+    null: NullModel,
+    explained: Sequence[Explained],
+    signatures: Mapping[str, Sequence[Signature]],
+    values: np.ndarray,
+    num_runs: int,
+    lanes: Sequence[int],
+    run: RunTrials,
+) -> dict[str, Sequence[Signature]]:
+    """Return signatures with better places for the local effects among the best explanations.
+
+    The cost of looking is that of the first windows: they cover the road, and what is tried here lies between them.
+
+    Args:
+        difference: features of the drives less the simulation's, in units of noise.
+        null: the null model.
+        explained: explanations, best first.
+        signatures: of all effects that were tried.
+        values: calibrated values.
+        num_runs: of each trial.
+        lanes: all lanes, counted from the left.
+        run: makes trials; the baseline's tallies are among what it returns.
+    """
+    found = dict(signatures)
+    local = [one for one in explained[:AMONG_BEST] if one.setting and "route_from_m" in one.setting]
+    for one in local[:MOST_REFINED]:
+        effect = effect_named(one.name)
+        best = signature_behind(found[one.name], one)
+        evidence = _evidence(difference, null, best, effect)
+        for round_number, (step_m, step_s) in enumerate(STEPS):
+            window = window_of(best)
+            assert window is not None
+            around = neighbours(window, step_m, step_s, lanes if round_number == 0 else ())
+            trials = _nearest_strength(effect_trials(values, num_runs, {one.name: around}), one.name, one.strength)
+            several = surrogate_signatures(trials, run(trials), null).get(one.name, [])
+            if not several:
+                continue
+            judged = [_evidence(difference, null, each, effect) for each in several]
+            place = int(np.argmax(judged))
+            if judged[place] < evidence + LEAST_IMPROVEMENT:
+                continue
+            best, evidence = several[place], judged[place]
+        if not any(best is each for each in found[one.name]):
+            found[one.name] = [*found[one.name], best]
+    return found
+
+
+def neighbours(window: Window, step_m: float, step_s: float, lanes: Sequence[int]) -> list[Window]:
+    """Return windows that begin or end a step earlier or later, or in another lane.
+
+    Args:
+        window: where to look around.
+        step_m: step in place.
+        step_s: step in time.
+        lanes: lanes to try; none for the window's own only.
+    """
+    is_point = window.from_m == window.to_m
+    found = []
+    for moved_from, moved_to in MOVES[:2] if is_point else MOVES:
+        from_m, to_m = window.from_m + moved_from * step_m, window.to_m + moved_to * step_m
+        if from_m >= 0.0 and (is_point or to_m - from_m >= SHORTEST_M):
+            found.append(replace(window, from_m=from_m, to_m=to_m))
+    if window.from_s is not None and window.to_s is not None:
+        for moved_from, moved_to in MOVES:
+            from_s, to_s = window.from_s + moved_from * step_s, window.to_s + moved_to * step_s
+            if from_s >= 0.0 and to_s - from_s >= SHORTEST_S:
+                found.append(replace(window, from_s=from_s, to_s=to_s))
+    if window.lane is not None:
+        found += [replace(window, lane=lane) for lane in lanes if lane != window.lane]
+    return found
+
+
+def _nearest_strength(trials: Sequence[EffectTrial], name: str, strength: float) -> list[EffectTrial]:
+    """Return for each window the trial of the strength that is nearest."""
+    own = [one for one in trials if one.effect.name == name]
+    windows = list(dict.fromkeys(one.window for one in own))
+    return [
+        min((one for one in own if one.window == window), key=lambda one: abs(abs(one.strength) - abs(strength)))
+        for window in windows
+    ]
+
+
+def _evidence(difference: np.ndarray, null: NullModel, signature: Signature, effect: Effect) -> float:
+    return explain(difference, null, [signature], effect.medium).log_evidence

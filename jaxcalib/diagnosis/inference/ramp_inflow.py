@@ -1,0 +1,44 @@
+"""The one effect that the calibration takes for a parameter: a ramp's inflow that is not what the scenario says.
+
+A calibrated inflow near the scenario's is an ordinary day; one far from it says that the scenario's count is wrong. So
+the evidence is that of two priors for the ratio of true to given inflow, seen through the calibration's error.
+"""
+
+import numpy as np
+from scipy.stats import norm
+
+from jaxcalib.diagnosis.inference.evidence import Explained
+
+ORDINARY_DEVIATION = 0.12  # between days, of the ratio of true to given inflow
+ERROR_RANGE = (0.15, 0.7)  # of its error, either sign, if the given inflow is wrong
+NUM_POINTS = 400
+
+
+def explain_ramps(none_evidence: float, ratios: dict[int, tuple[float, float]], main_ratio: float) -> Explained | None:
+    """Return the evidence for a wrong inflow at one of the ramps; None where there is no ramp.
+
+    Args:
+        none_evidence: log evidence of the baseline.
+        ratios: for each ramp's input its calibrated value over the scenario's, and the error of that.
+        main_ratio: the same of the main entrance: what a busy day does to all.
+    """
+    found = []
+    for number, (ratio, error) in ratios.items():
+        centre = 0.5 * (1.0 + np.clip(main_ratio, 0.8, 1.2))
+        ordinary = norm.logpdf(ratio, centre, np.hypot(ORDINARY_DEVIATION, error))
+        sizes = np.linspace(*ERROR_RANGE, NUM_POINTS)
+        errors = np.concatenate([sizes, -sizes])
+        density = norm.pdf(ratio, centre * (1.0 + errors), np.hypot(error, 0.03))
+        strength = float(density @ errors / max(density.sum(), 1e-300))
+        spread = float(np.sqrt(max(density @ (errors - strength) ** 2 / max(density.sum(), 1e-300), 0.0)))
+        found.append((float(np.log(density.mean() + 1e-300) - ordinary), number, strength, spread))
+    if not found:
+        return None
+    gain, number, strength, spread = max(found)
+    return Explained(
+        "ramp_inflow_error",
+        none_evidence + gain - float(np.log(len(found))),
+        strength=strength,
+        interval=(strength - 1.645 * spread, strength + 1.645 * spread),
+        setting={"input": float(number)},
+    )

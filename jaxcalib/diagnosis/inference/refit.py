@@ -1,0 +1,261 @@
+"""The best explanations fitted once more, around runs that contain them.
+
+The contest judges all effects by signatures that are linear in strength and parameters, measured at the calibrated
+values. A strong effect is neither: with it in, other parameter values fit, often far from those that calibration bent
+to hide it, and there it does something else. So the best few are run with the strength and the values that the drives
+to fit ask for, and what those drives still differ by from these runs corrects both (`descent.py`): first in the
+surrogate, whose runs are cheap, by what effect and values change there; then in SUMO where it can express the effect.
+Where steps do not lead to an agreement, they begin again at what the calibration's search finds with the effect in,
+or at what fits with a better explanation: whichever it was, what calibration had bent to hide it is straight there.
+How well each of them fits then is evidence between them beside that of the signatures, and how far the gap shrinks
+is measured from real runs.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+
+from jaxcalib.diagnosis.features.noise import NullModel
+from jaxcalib.diagnosis.features.signature import Signature
+from jaxcalib.diagnosis.inference.descent import Descent, Point, Target, descend, linear_step, precision
+from jaxcalib.diagnosis.inference.evidence import (
+    MOST_STRENGTH,
+    SIGNATURE_ERROR,
+    Explained,
+    alike_errors,
+    most_misfit,
+    signature_behind,
+)
+from jaxcalib.diagnosis.inference.investigation import Prepared, transfer
+from jaxcalib.diagnosis.inference.sumo_check import CHECKED_EXACTNESS
+from jaxcalib.diagnosis.runs.explained_runs import ExplainedRuns
+from surrogate.effects.registry import effect_named
+
+MOST_SURROGATE_POINTS = 8
+MOST_SUMO_POINTS, OTHERS_SUMO_POINTS = 4, 2  # of the best explanation, and of those close behind it
+PRIOR_SHARE = 0.7  # of the contest's strength: how far it may be off
+LEAST_SHARE = 0.3  # of the contest's strength
+TANGENT_SHARE = 0.25  # of the strength: over which the change with strength is measured
+QUANTILE_90 = 1.645
+
+
+@dataclass(frozen=True)
+class Refit:
+    """An explanation at its last fit.
+
+    Attributes:
+        effect: its name.
+        sign: of the strength.
+        strength: its size.
+        interval_90: its 90 % interval; where both simulators were run, by how far they disagree counts: the road is a
+            third one, and two draws tell how far a third may lie.
+        steps: shift of the parameters from the calibrated values, in steps.
+        runs: the runs nearest to the drives to fit.
+        correction: what adds to their features, in units of noise: the last step, that was not run any more, and what
+            runs of this kind do not show.
+        num_sumo_runs: runs that SUMO made for it.
+        misfit: whitened squared difference between the drives to fit and the nearest runs, with the prior's part.
+        log_evidence: logarithm of the marginal likelihood around the nearest runs, by Laplace's approximation.
+    """
+
+    effect: str
+    sign: float
+    strength: float
+    interval_90: tuple[float, float]
+    steps: np.ndarray
+    runs: ExplainedRuns
+    correction: np.ndarray
+    num_sumo_runs: int
+    misfit: float
+    log_evidence: float
+
+    def expected(self, null: NullModel, fitted: NullModel) -> np.ndarray:
+        """Return by how much features differ from the null's under the explanation, in units of noise.
+
+        Args:
+            null: the null model for the drives in question.
+            fitted: that for the drives to fit.
+        """
+        return self.runs.difference(null)[0] + transfer(self.correction, fitted, null)
+
+
+_Makes = Callable[[Signature, np.ndarray, float], ExplainedRuns | None]
+
+
+class MakesRuns(Protocol):
+    """Makes runs that contain an effect; see `ExplainedRunner`."""
+
+    def in_surrogate(self, signature: Signature, steps: np.ndarray, strength: float) -> ExplainedRuns | None:
+        """Return the surrogate's runs; None where they fail or do not show the effect."""
+        ...
+
+    def in_sumo(self, signature: Signature, steps: np.ndarray, strength: float) -> ExplainedRuns | None:
+        """Return SUMO's runs; None where they fail or it has no means for the effect."""
+        ...
+
+    def recalibrated(self, signature: Signature, strength: float) -> np.ndarray | None:
+        """Return the shift of the parameters, in steps, that a calibration with the effect finds; None if it fails."""
+        ...
+
+    def slopes(self, signature: Signature, steps: np.ndarray, strength: float, known: np.ndarray) -> np.ndarray:
+        """Return how features change with parameters and strength there."""
+        ...
+
+
+@dataclass(frozen=True)
+class _Course:
+    """An explanation on its way, in coordinates that count prior deviations of the parameters and of the strength.
+
+    Attributes:
+        fitted: null model and drives to fit.
+        signature: of the effect.
+        shift: what the contest expected of it, in units of noise.
+        strength: its strength in the contest.
+        unit: prior deviation of each parameter, in steps, and of the strength.
+    """
+
+    fitted: Prepared
+    signature: Signature
+    shift: np.ndarray
+    strength: float
+    unit: np.ndarray
+
+    def there(self, at: np.ndarray) -> tuple[np.ndarray, float]:
+        """Return the shift of the parameters, in steps, and the strength at a point."""
+        return at[:-1] * self.unit[:-1], float(self.strength + at[-1] * self.unit[-1])
+
+    def bounds(self, most: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return the bounds of the coordinates, for a largest strength."""
+        low, high = np.full(len(self.unit), -np.inf), np.full(len(self.unit), np.inf)
+        low[-1] = (LEAST_SHARE - 1.0) * self.strength / self.unit[-1]
+        high[-1] = (most - self.strength) / self.unit[-1]
+        return low, high
+
+    def noise(self, exactness: float | np.ndarray) -> np.ndarray:
+        """Return the covariance of chance and of what the model of an effect may be wrong by: the road's may differ."""
+        wrong = SIGNATURE_ERROR * exactness * self.shift
+        return self.fitted.null.noise + np.outer(wrong, wrong) * alike_errors(self.fitted.null)
+
+    def noise_of(self, exactness: float | np.ndarray) -> Callable[[ExplainedRuns, np.ndarray], np.ndarray]:
+        """Return what tells the covariance around runs: an effect that brings jams brings their chance too."""
+        base, null, num_drives = self.noise(exactness), self.fitted.null, len(self.fitted.tallies)
+
+        def noise(runs: ExplainedRuns, error: np.ndarray) -> np.ndarray:
+            longer = np.maximum(runs.deviation(null, num_drives), 1.0)
+            return base * np.outer(longer, longer) + np.diag(error**2)
+
+        return noise
+
+    def run_with(self, make: _Makes) -> Callable[[np.ndarray], tuple[ExplainedRuns, np.ndarray, np.ndarray] | None]:
+        """Return what makes runs at a point and tells their features with standard errors."""
+
+        def run(at: np.ndarray) -> tuple[ExplainedRuns, np.ndarray, np.ndarray] | None:
+            steps, strength = self.there(at)
+            runs = make(self.signature, steps, strength)
+            if runs is None:
+                return None
+            shift, error = runs.difference(self.fitted.null)
+            unseen, its_error = self.signature.at(strength)
+            is_seen = np.isfinite(error)
+            return runs, np.where(is_seen, shift, unseen), np.where(is_seen, error, its_error)
+
+        return run
+
+    def unseen(self, point: Point) -> np.ndarray:
+        """Return the signature in features that the runs at a point do not show, 0 in others."""
+        _, error = point.runs.difference(self.fitted.null)
+        return np.where(np.isfinite(error), 0.0, point.features)
+
+
+def refit(
+    fitted: Prepared,
+    best: Explained,
+    signatures: Sequence[Signature],
+    maker: MakesRuns,
+    most_sumo_points: int = MOST_SUMO_POINTS,
+    known_steps: np.ndarray | None = None,
+) -> Refit | None:
+    """Return the refit of an explanation; None where its runs fail.
+
+    Args:
+        fitted: null model and drives to fit.
+        best: the explanation, as the contest found it.
+        signatures: of its effect; they say how features change with the strength.
+        maker: makes runs from a signature, the shift of the parameters, in steps, and the size of the strength.
+        most_sumo_points: how often SUMO is run at most.
+        known_steps: shift of the parameters, in steps, that fits with another explanation: where to begin anew, which
+            saves a search.
+    """
+    assert best.shift is not None
+    signature, strength = signature_behind(signatures, best), abs(best.strength)
+    unit = np.append(fitted.null.prior_steps, PRIOR_SHARE * strength)
+    course = _Course(fitted, signature, best.shift, strength, unit)
+    most = max(MOST_STRENGTH * effect_named(best.name).strong, strength)
+    low, high = course.bounds(most)
+    slopes = np.column_stack([fitted.null.slope, tangent_of(signature, strength)]) * unit
+    at = linear_step(course.noise(signature.exactness), slopes, fitted.difference - best.shift, low, high)
+
+    def measure_slopes(at: np.ndarray, known: np.ndarray) -> np.ndarray:
+        return maker.slopes(signature, *course.there(at), known / unit) * unit
+
+    # with the effect in the runs, no signature is stretched any more: what is left is that the road's has another form
+    noise = course.noise_of(np.minimum(signature.exactness, CHECKED_EXACTNESS))
+    target = Target(fitted.difference, noise, low, high, np.zeros_like(at))
+
+    def descent_to(target: Target, at: np.ndarray, slopes: np.ndarray, make: _Makes, points: int) -> Descent | None:
+        return descend(target, at, slopes, course.run_with(make), measure_slopes, points)
+
+    found = descent_to(target, at, slopes, maker.in_surrogate, MOST_SURROGATE_POINTS)
+    if found is not None and found.nearest.square > most_misfit(len(best.shift)):
+        strength_there = course.there(found.nearest.at)[1]
+        steps = maker.recalibrated(signature, strength_there) if known_steps is None else known_steps
+        if steps is not None:
+            # what a calibration leaves open lies around its own result, with the effect in as without
+            anew = replace(target, center=np.append(steps / unit[:-1], 0.0))
+            elsewhere = np.append(steps / unit[:-1], found.nearest.at[-1])
+            other = descent_to(anew, elsewhere, found.slopes, maker.in_surrogate, MOST_SURROGATE_POINTS)
+            if other is not None and other.nearest.loss < found.nearest.loss:
+                found, target = other, anew
+    strength_in_surrogate = None
+    if found is not None:
+        slopes, at = found.slopes, found.nearest.at + found.step
+        strength_in_surrogate = course.there(at)[1]
+    in_sumo = descent_to(target, at, slopes, maker.in_sumo, most_sumo_points)
+    num_sumo_runs = 0 if in_sumo is None else in_sumo.num_runs
+    found = in_sumo or found
+    if found is None:
+        return None
+    steps, strength = course.there(found.nearest.at + found.step)
+    sharpness = precision(found.nearest.noise, found.slopes)
+    error = float(unit[-1] * np.sqrt(np.linalg.inv(sharpness)[-1, -1]))
+    if in_sumo is not None and strength_in_surrogate is not None:
+        error = float(np.hypot(error, (strength - strength_in_surrogate) / np.sqrt(2.0)))
+    deviation = QUANTILE_90 * error
+    interval = (max(strength - deviation, 0.0), max(min(strength + deviation, most), strength))
+    if signature.is_fixed:  # known at some strengths only: halfway to the next one on either side, at least
+        tried = np.unique([one.strengths[-1] for one in signatures])
+        half = 0.5 * np.diff(tried).min() if len(tried) > 1 else TANGENT_SHARE * strength
+        least, greatest = sorted(signature.sign * one for one in best.interval)
+        interval = (max(min(least, strength - half), 0.0), max(greatest, strength + half))
+    return Refit(
+        effect=best.name,
+        sign=signature.sign,
+        strength=strength,
+        interval_90=(float(interval[0]), float(interval[1])),
+        steps=steps,
+        runs=found.nearest.runs,
+        correction=found.slopes @ found.step + course.unseen(found.nearest),
+        num_sumo_runs=num_sumo_runs,
+        misfit=found.nearest.square,
+        log_evidence=-0.5 * (found.nearest.loss + float(np.linalg.slogdet(sharpness)[1])),
+    )
+
+
+def tangent_of(signature: Signature, strength: float) -> np.ndarray:
+    """Return the change of the features with the strength; 0 where a signature holds at its own strength only."""
+    if signature.is_fixed:
+        return np.zeros(signature.shift.shape[1])
+    high, low = (1.0 + TANGENT_SHARE) * strength, (1.0 - TANGENT_SHARE) * strength
+    return (signature.at(high)[0] - signature.at(low)[0]) / (high - low)

@@ -1,0 +1,198 @@
+"""How far the gap shrinks, on drives that nothing was fitted to or chosen by.
+
+The gap is the mean square of the differences between drives and simulation, weighed by the covariance of the drives'
+noise: features that move together with one jam count once, those that hardly vary count for what they show. Where an
+effect brings more chance than there is without it, that counts: else the gap would be that of a few features which
+hardly vary without the effect.
+
+The floor is what chance makes of the gap of a perfect simulation. It comes from the drives to fit, by how far two
+halves of them differ: drives scatter farther than runs of a calibrated simulation, by a half in fields without any
+effect. Where there are too few, it comes from runs, with the effect where one was found.
+
+Source: Mahalanobis (1936), Proc. Natl. Inst. Sci. India 2, 49-55, eq. 3.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import solve_triangular
+
+from jaxcalib.diagnosis.features.features import DriveTallies
+from jaxcalib.diagnosis.features.noise import NullModel, on_cells
+from jaxcalib.diagnosis.runs.explained_runs import ExplainedRuns
+
+NUM_SETS = 400
+INTERVAL = (0.05, 0.95)
+FEWEST_DRIVES = 4
+NUM_SPLITS = 60
+
+
+@dataclass(frozen=True)
+class Shrinkage:
+    """Gaps on held-out drives.
+
+    Attributes:
+        default: of the scenario as it is; None where its runs failed.
+        recalibrated: of the calibrated simulation.
+        with_effect: of that with the effect.
+        ceiling: with all effects of the library at once, each as strong as the drives to fit ask for.
+        floor: what chance alone makes of it.
+        fraction_closed: share of the gap above the floor that the effect closes, at most 1; None where there is no such
+            gap.
+        interval_90: its interval; None where there is no gap.
+    """
+
+    default: float | None
+    recalibrated: float
+    with_effect: float
+    ceiling: float
+    floor: float
+    fraction_closed: float | None
+    interval_90: tuple[float, float] | None
+
+
+@dataclass(frozen=True)
+class Gap:
+    """Measures gaps of differences that are in units of a null model's noise.
+
+    Attributes:
+        root: lower triangular root of the noise's covariance.
+    """
+
+    root: np.ndarray
+
+    @staticmethod
+    def of(null: NullModel, deviation: np.ndarray | None = None) -> "Gap":
+        """Return the measure for a null model; where a deviation of the features is given, the larger noise counts."""
+        longer = np.ones(len(null.cells)) if deviation is None else np.maximum(deviation, 1.0)
+        return Gap(longer[:, None] * np.linalg.cholesky(null.noise))
+
+    def directions(self, difference: np.ndarray) -> np.ndarray:
+        """Return a difference in directions whose noise is independent; [feature] or [feature, set]."""
+        return solve_triangular(self.root, np.nan_to_num(difference, nan=0.0), lower=True, check_finite=False)
+
+    def __call__(self, difference: np.ndarray) -> float:
+        """Return the gap of a difference; features that the drives do not show count as explained."""
+        return float(np.mean(self.directions(difference) ** 2))
+
+
+def differences_by_chance(
+    simulated: DriveTallies, null: NullModel, num_drives: int, random: np.random.Generator
+) -> np.ndarray:
+    """Return how sets of runs, as many as there are drives, differ from all of them, in units of noise, [set, feature].
+
+    A set is part of the runs that it is compared with; what that takes off its variance is put back.
+    """
+    runs = on_cells(simulated, null.cells)
+    all_values = _seen_values(runs, null)
+    size = min(num_drives, len(runs) // 2)
+    scale = np.sqrt((1.0 / num_drives + 1.0 / runs.num_independent) / (1.0 / size - 1.0 / len(runs)))
+    found = []
+    for _ in range(NUM_SETS):
+        drawn = runs.take(random.permutation(len(runs))[:size])
+        values = np.where(drawn.below.sum(axis=0) > 0, drawn.values(), all_values)
+        found.append(scale * (null.standardised(values) - null.standardised(all_values)))
+    return np.asarray(found)
+
+
+def floor_of_drives(
+    drives: DriveTallies, null: NullModel, gap: Gap, num_drives: int, num_runs: float, random: np.random.Generator
+) -> float | None:
+    """Return the gap between so many drives and the mean of so many runs of a perfect simulation.
+
+    It is unbiased for features that are linear in the tallies, whatever the drives have in common.
+
+    Args:
+        drives: the drives whose halves are compared.
+        null: the null model.
+        gap: measures gaps.
+        num_drives: number of drives that the floor is for.
+        num_runs: number of runs, those with one drive each.
+        random: draws the halves.
+
+    Returns:
+        The floor; None for too few drives.
+    """
+    if len(drives) < FEWEST_DRIVES:
+        return None
+    size = len(drives) // 2
+    found = []
+    for _ in range(NUM_SPLITS):
+        one, other = (drives.take(half) for half in np.split(random.permutation(len(drives)), [size]))
+        apart = null.standardised(one.values()) - null.standardised(other.values())
+        scale = (1.0 / num_drives + 1.0 / num_runs) / (1.0 / size + 1.0 / (len(drives) - size))
+        found.append(scale * gap(apart))
+    return float(np.mean(found))
+
+
+def _seen_values(runs: DriveTallies, null: NullModel) -> np.ndarray:
+    return np.where(runs.below.sum(axis=0) > 0, runs.values(), null.mean)
+
+
+def measure_shrinkage(
+    held_out: DriveTallies,
+    null: NullModel,
+    simulated: DriveTallies,
+    expected: Mapping[str, np.ndarray | None],
+    random: np.random.Generator,
+    explained_runs: ExplainedRuns | None = None,
+    fit_drives: DriveTallies | None = None,
+) -> Shrinkage:
+    """Return the gaps.
+
+    Args:
+        held_out: tallies of the drives.
+        null: the null model for as many drives.
+        simulated: tallies of the null runs, for the floor.
+        expected: by how much features differ from the null's, in units of noise, in the scenario as it is
+            ("default"; None where its runs failed), with the parameters that the drives to fit ask for
+            ("recalibrated"), with the effect ("with_effect"; None where none was found), and with all effects at once
+            ("ceiling").
+        random: for the floor.
+        explained_runs: runs with the effect, for the chance that it brings; None where there are none.
+        fit_drives: tallies of the drives to fit, for the floor; None to take it from the runs.
+    """
+    tallies = on_cells(held_out, null.cells)
+    gap = Gap.of(null, None if explained_runs is None else explained_runs.deviation(null, len(tallies)))
+    difference = null.standardised(tallies.values())
+    left = {name: difference - shift for name, shift in expected.items() if shift is not None}
+    gaps = {name: gap(one) for name, one in left.items()}
+    runs = simulated if explained_runs is None else explained_runs.with_effect
+    by_chance = differences_by_chance(runs, null, len(tallies), random)
+    chance = np.asarray([gap(one) for one in by_chance])
+    floor = float(chance.mean())
+    if fit_drives is not None:
+        told = floor_of_drives(on_cells(fit_drives, null.cells), null, gap, len(tallies), runs.num_independent, random)
+        floor = floor if told is None else told
+    by_chance, chance = by_chance * np.sqrt(floor / chance.mean()), chance * floor / chance.mean()
+    recalibrated = gaps["recalibrated"]
+    with_effect = gaps.get("with_effect", recalibrated)
+    ceiling = min(gaps["ceiling"], with_effect)
+    fraction, interval = None, None
+    if "with_effect" in gaps and recalibrated > floor:
+        fraction = min((recalibrated - with_effect) / (recalibrated - floor), 1.0)
+        noise = gap.directions(by_chance.T).T
+        closed_by = gap.directions(left["recalibrated"] - left["with_effect"])
+        remaining = gap.directions(left["with_effect"]) * np.sqrt(max(with_effect - floor, 0.0) / with_effect)
+        closed = recalibrated - with_effect - 2.0 * (noise * closed_by).mean(axis=1)
+        excess = with_effect - chance - 2.0 * (noise * remaining).mean(axis=1)
+        interval = _interval(closed, excess, recalibrated - floor, fraction)
+    return Shrinkage(gaps.get("default"), recalibrated, with_effect, ceiling, floor, fraction, interval)
+
+
+def _interval(closed: np.ndarray, excess: np.ndarray, gap_above_floor: float, fraction: float) -> tuple[float, float]:
+    """Return the interval of the fraction closed, from sets of runs, whose noise stands for that of the drives.
+
+    The noise of each set, and its products with what the effect closes and leaves, are taken off what was seen.
+
+    Args:
+        closed: gap that the effect closes, for each set.
+        excess: gap that it leaves above chance, for each set.
+        gap_above_floor: of the recalibrated simulation; at least half of it is there.
+        fraction: the estimate; it lies inside.
+    """
+    excess = np.maximum(excess, 0.0)
+    shares = np.minimum(closed / np.maximum(closed + excess, 0.5 * gap_above_floor), 1.0)
+    low, high = np.quantile(shares, INTERVAL)
+    return float(min(low, fraction)), float(max(high, fraction))

@@ -1,0 +1,172 @@
+"""The best explanations checked in SUMO, where SUMO can express the effect: its own runs correct the signatures.
+
+A surrogate's signature may be wrong by a good part of its size, and so the explanations that it ranks first may be told
+apart by its errors. SUMO with the effect, at the strength that fits best, measures the signature itself, if with more
+noise. Both are measurements of one thing, each with its error, and are averaged by their precision, feature by feature.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from jaxcalib.diagnosis.features.features import DriveTallies
+from jaxcalib.diagnosis.features.noise import NullModel, on_cells
+from jaxcalib.diagnosis.features.signature import Signature
+from jaxcalib.diagnosis.inference.evidence import NONE, SIGNATURE_ERROR, UNKNOWN, Explained, signature_behind
+from surrogate.effects.base import EffectSetting
+
+NUM_CHECKED = 3  # explanations at most
+WITHIN = 20.0  # log evidence: explanations farther behind the best are out of the race
+CHECKED_EXACTNESS = 0.4  # share of SIGNATURE_ERROR: on the road the same effect may come in another form
+
+
+@dataclass(frozen=True)
+class Check:
+    """An effect in SUMO.
+
+    Attributes:
+        effect: its name.
+        strength: at which it was put in.
+        num_runs: SUMO runs.
+        agreement: cosine between the surrogate's signature and SUMO's, features weighed by the null model's precision;
+            None where SUMO's is not longer than its noise.
+        size_ratio: length of SUMO's signature over that of the surrogate's, weighed likewise, its noise taken off.
+    """
+
+    effect: str
+    strength: float
+    num_runs: int
+    agreement: float | None
+    size_ratio: float
+
+
+@dataclass(frozen=True)
+class Checked:
+    """What SUMO made of the best explanations.
+
+    Attributes:
+        explained: explanations with corrected signatures, best first.
+        signatures: of all effects, corrected where they were checked.
+        checks: one for each effect that was checked, in order.
+    """
+
+    explained: Sequence[Explained]
+    signatures: Mapping[str, Sequence[Signature]]
+    checks: tuple[Check, ...]
+
+
+Run = Callable[[str, EffectSetting], DriveTallies | None]
+Explain = Callable[[Mapping[str, Sequence[Signature]]], Sequence[Explained]]
+
+
+def check_in_sumo(
+    null: NullModel,
+    plain: DriveTallies,
+    signatures: Mapping[str, Sequence[Signature]],
+    explain: Explain,
+    is_expressible: Callable[[str], bool],
+    run: Run,
+) -> Checked:
+    """Check the best explanations, one after the other, until the best two are checked or exact already.
+
+    Args:
+        null: the null model.
+        plain: SUMO runs without any effect.
+        signatures: of all effects.
+        explain: from signatures to explanations, best first.
+        is_expressible: whether SUMO can express an effect.
+        run: makes SUMO's runs with an effect; None where they fail, and the surrogate's word must do.
+    """
+    found = dict(signatures)
+    explained = list(explain(found))
+    checks: list[Check] = []
+    done: set[str] = set()
+    for _ in range(NUM_CHECKED):
+        one = next((one for one in _contenders(explained) if one.name not in done and is_expressible(one.name)), None)
+        if one is None:
+            break
+        done.add(one.name)
+        best = signature_behind(found[one.name], one)
+        strength = best.strengths[-1] if best.is_fixed else abs(one.strength)
+        tallies = run(one.name, EffectSetting(best.sign * strength))
+        if tallies is None:
+            continue
+        shift, error = measured_signature(tallies, plain, null)
+        checks.append(_check(one.name, best, strength, shift, error, null, tallies.num_runs))
+        found[one.name] = [corrected(each, best, strength, shift, error) for each in found[one.name]]
+        explained = list(explain(found))
+    return Checked(explained, found, tuple(checks))
+
+
+def measured_signature(tallies: DriveTallies, plain: DriveTallies, null: NullModel) -> tuple[np.ndarray, np.ndarray]:
+    """Return the signature that SUMO's runs show and its standard error, in units of noise."""
+    with_effect, without = on_cells(tallies, null.cells), on_cells(plain, null.cells)
+    variance = sum(
+        np.nan_to_num(one.influence()).var(axis=0, ddof=1) / one.num_independent for one in (with_effect, without)
+    )
+    shift = (with_effect.values() - null.mean) / null.deviation
+    is_known = np.isfinite(shift) & (with_effect.below.sum(axis=0) > 0)
+    error = np.sqrt(variance) / null.deviation
+    return np.where(is_known, shift, 0.0), np.where(is_known, error, np.inf)
+
+
+def corrected(
+    signature: Signature, best: Signature, strength: float, shift: np.ndarray, error: np.ndarray
+) -> Signature:
+    """Return a signature that SUMO's corrects: at the strength that was run the precision-weighted mean of both.
+
+    At other strengths, and for the same effect at another rhythm, the correction counts in proportion to the strength.
+
+    Args:
+        signature: what to correct.
+        best: the signature whose effect was run.
+        strength: at which it was run.
+        shift: what SUMO showed.
+        error: its standard error; inf where it showed nothing.
+    """
+    own, own_error = best.at(strength)
+    own_variance = (SIGNATURE_ERROR * best.exactness * own) ** 2 + own_error**2
+    weight = own_variance / np.maximum(own_variance + error**2, 1e-12)
+    change = weight * np.where(np.isfinite(error), shift - own, 0.0)
+    remaining = np.sqrt(own_variance * (1.0 - weight))
+    share = (signature.strengths / strength)[:, None]
+    return replace(
+        signature,
+        shift=signature.shift + share * change,
+        error=np.where(share > 0.0, share * remaining, 0.0),
+        exactness=np.minimum(signature.exactness, CHECKED_EXACTNESS),
+    )
+
+
+def _contenders(explained: Sequence[Explained]) -> list[Explained]:
+    """Return the best two effects and any that is close behind, best first, of those that do better than nothing."""
+    none = next((one.log_evidence for one in explained if one.name == NONE), -np.inf)
+    effects = [one for one in explained if one.name not in (NONE, UNKNOWN) and one.log_evidence > none]
+    best = effects[0].log_evidence if effects else 0.0
+    return [one for place, one in enumerate(effects) if place < 2 or one.log_evidence > best - WITHIN]
+
+
+def _check(
+    effect: str,
+    best: Signature,
+    strength: float,
+    shift: np.ndarray,
+    error: np.ndarray,
+    null: NullModel,
+    num_runs: int,
+) -> Check:
+    precision = np.linalg.inv(null.covariance)
+    own, _ = best.at(strength)
+    seen = np.where(np.isfinite(error), shift, own)
+    noise = float(np.diag(precision) @ np.where(np.isfinite(error), error, 0.0) ** 2)
+    along, size = float(own @ precision @ seen), float(own @ precision @ own)
+    other = float(seen @ precision @ seen) - noise
+    is_above_noise = other > 0.0 and size > 0.0
+    return Check(
+        effect=effect,
+        strength=float(best.sign * strength),
+        num_runs=num_runs,
+        agreement=float(np.clip(along / np.sqrt(size * other), -1.0, 1.0)) if is_above_noise else None,
+        size_ratio=float(np.sqrt(other / size)) if is_above_noise else 0.0,
+    )

@@ -1,0 +1,141 @@
+"""From evidence to an answer: an effect, a set that cannot be told apart, something unknown, or nothing."""
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from jaxcalib.diagnosis.inference.evidence import NEARLY_ALL, NONE, TEMPERATURE, UNKNOWN, Explained, most_misfit
+
+# No simulation lacks nothing: that none of 22 effects is there at any strength is not the likeliest thing beforehand.
+# An answer other than none needs the evidence below whatever these say; they decide how sure the ranking is of none.
+PRIOR_NONE, PRIOR_UNKNOWN = 0.2, 0.1
+# Natural logarithm of the evidence ratio that an effect needs against the baseline: "very strong" for Kass & Raftery.
+# It must stay when the drive that favours it most is left out. How often null runs reach it: docs/diagnosis.md.
+LEAST_EVIDENCE = 5.0
+LEAST_WITHOUT_ONE = 4.0  # the same without the drive that favours it most
+ALONE = 0.8  # no more than one in five effects named alone may be a wrong one
+IN_SET = 0.9
+LARGEST_SET = 3
+MISCALIBRATED_ERRORS = 3.0
+WORTH_NAMING = 0.05  # of the most likely effect's probability
+UNFIT_SHARE = 0.9  # of an effect's probability that goes to unknown where none leaves as little as noise does
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """The answer.
+
+    Attributes:
+        kind: no_gap, miscalibrated, effect, class, unknown or not_testable.
+        effects: one, several that cannot be told apart, or none.
+        probability: of each explanation; they sum to 1.
+        reason: one line for people.
+    """
+
+    kind: str
+    effects: tuple[str, ...]
+    probability: Mapping[str, float]
+    reason: str
+
+
+def probabilities(explained: Sequence[Explained], least_gain: float) -> dict[str, float]:
+    """Return the probability of each explanation, none and unknown among them.
+
+    Args:
+        explained: all explanations.
+        least_gain: gain of the best of them over the baseline that no single drive makes.
+    """
+    names = [one.name for one in explained]
+    none = explained[names.index(NONE)].log_evidence
+    num_effects = max(len(names) - 2, 1)
+    prior = np.asarray(
+        [
+            {NONE: PRIOR_NONE, UNKNOWN: PRIOR_UNKNOWN}.get(name, (1.0 - PRIOR_NONE - PRIOR_UNKNOWN) / num_effects)
+            for name in names
+        ]
+    )
+    gain = np.asarray([one.log_evidence - none for one in explained])
+    is_none = np.asarray([name == NONE for name in names])
+    prior_of, gain_of = prior[~is_none], gain[~is_none]
+    something = np.log(prior_of) + gain_of
+    # whether there is something is judged untempered, but on what no single drive makes
+    total = float(np.logaddexp.reduce(something)) - max(float(gain_of.max()) - least_gain, 0.0)
+    share_of_none = 1.0 / (1.0 + np.exp(np.clip(total - np.log(PRIOR_NONE), -700, 700)))
+    tempered = np.log(prior_of) + gain_of / TEMPERATURE
+    share = np.exp(tempered - np.logaddexp.reduce(tempered))
+    values = np.zeros(len(names))
+    values[is_none] = share_of_none
+    values[~is_none] = (1.0 - share_of_none) * share
+    return dict(zip(names, values.tolist(), strict=True))
+
+
+def judge(
+    explained: Sequence[Explained],
+    least_gain: float,
+    num_features: int,
+    shift_errors: float,
+    few_drives: bool,
+    aliased: Collection[str] = (),
+) -> Verdict:
+    """Return the verdict.
+
+    Args:
+        explained: all explanations.
+        least_gain: gain of the best of them over the baseline that no single drive makes.
+        num_features: behind the misfits.
+        shift_errors: by how many of its errors the calibration moved the parameters away from the scenario's.
+        few_drives: whether there are too few drives to name one effect: the next likely one is named with it.
+        aliased: effects that these drives cannot tell apart; one of them is not named without another.
+    """
+    probability = probabilities(explained, least_gain)
+    by_name = {one.name: one for one in explained}
+    none = by_name[NONE].log_evidence
+    best_gain = max(one.log_evidence for one in explained if one.name != NONE) - none
+    ranked = sorted((one for one in explained if one.name != NONE), key=lambda one: -probability[one.name])
+    if best_gain < LEAST_EVIDENCE or least_gain < LEAST_WITHOUT_ONE:
+        if shift_errors > MISCALIBRATED_ERRORS:
+            return Verdict("miscalibrated", (), probability, "The scenario's values differ from the road's; with "
+                           "calibrated values nothing is left that noise does not explain.")  # fmt: skip
+        return Verdict("no_gap", (), probability, "Simulation and road differ by no more than noise.")
+    effects = [one for one in ranked if one.name != UNKNOWN]
+    if probability[UNKNOWN] > sum(probability[one.name] for one in effects):
+        return Verdict("unknown", (), probability, "Something is missing that is none of the known effects.")
+    misfit = min(_misfit(one, by_name[NONE]) for one in effects if _is_named(one, probability))
+    if misfit > max(most_misfit(num_features), NEARLY_ALL * by_name[NONE].best_misfit):
+        reason = "Something is missing, and no known effect explains it down to noise."
+        return Verdict("unknown", (), _with_unknown_first(probability), reason)
+    chosen: list[str] = []
+    total = 0.0
+    among = sum(probability[one.name] for one in effects)
+    for one in effects:
+        if len(chosen) == LARGEST_SET:
+            break
+        chosen.append(one.name)
+        total += probability[one.name] / among
+        if total >= (IN_SET if len(chosen) > 1 else ALONE):
+            break
+    if len(chosen) == 1 and (few_drives or chosen[0] in aliased):
+        others = [one.name for one in effects[1:] if few_drives or one.name in aliased]
+        chosen += others[:1]
+    if len(chosen) == 1:
+        return Verdict("effect", tuple(chosen), probability, "One effect explains the gap best.")
+    return Verdict("class", tuple(chosen), probability, "These effects cannot be told apart on these drives.")
+
+
+def _is_named(one: Explained, probability: Mapping[str, float]) -> bool:
+    """Return whether an effect is likely enough to be the answer, or part of it."""
+    best = max(value for name, value in probability.items() if name not in (NONE, UNKNOWN))
+    return probability[one.name] >= WORTH_NAMING * best
+
+
+def _misfit(one: Explained, none: Explained) -> float:
+    """Return the squared misfit that an explanation leaves; an inflow's error leaves the baseline's."""
+    return one.best_misfit if np.isfinite(one.best_misfit) else none.best_misfit
+
+
+def _with_unknown_first(probability: Mapping[str, float]) -> dict[str, float]:
+    """Return probabilities in which unknown takes what effects have that do not fit."""
+    effects = sum(value for name, value in probability.items() if name not in (NONE, UNKNOWN))
+    scaled = {name: value if name == NONE else (1.0 - UNFIT_SHARE) * value for name, value in probability.items()}
+    return scaled | {UNKNOWN: probability[UNKNOWN] + UNFIT_SHARE * effects}

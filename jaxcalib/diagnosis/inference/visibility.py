@@ -1,0 +1,189 @@
+"""What drives like these could show: how strong an effect must be, what hides it, and what looks like it.
+
+How strong it must be is found by judging made-up fields as the field is judged: differences as noise, the parameters'
+shift and a trace that is as unlike its signature as the evidence allows for, and weaker or stronger, would make them.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.linalg import solve_triangular
+from scipy.special import logsumexp
+
+from jaxcalib.diagnosis.features.noise import NullModel
+from jaxcalib.diagnosis.features.signature import Signature
+from jaxcalib.diagnosis.inference.evidence import alike_errors, predicted, strengths_of
+from jaxcalib.diagnosis.inference.verdict import LEAST_EVIDENCE
+from surrogate.effects.registry import effect_named
+
+POWER = 0.8  # an effect is visible if so many of such fields would show it
+NUM_FIELDS = 200  # made up for each strength; the same random numbers for all, so that power grows with the strength
+# What the road shows of an effect is not what the surrogate does: logarithm of strengths told to true ones (root mean
+# square over the twelve effects that were named in docs/diagnosis.md and whose signatures are the surrogate's: 0.38).
+TRACE_ERROR = 0.4
+STRONGEST, WEAKEST = 2.0, 0.02  # strengths that are looked at, in units of the strongest that was tried
+HALVINGS = 7  # of the ratio between the two: to 4 %
+MORE_DRIVES = 3
+ALIKE = 0.8
+
+
+@dataclass(frozen=True)
+class AtlasEntry:
+    """What is known of an effect on these roads before the field is looked at.
+
+    Attributes:
+        absorption: share of its signature that a shift of the parameters explains.
+        visible_from: weakest strength that would be seen in four of five cases; None if none would be.
+        alike: other effects whose signatures look alike after that shift, with the cosine.
+    """
+
+    absorption: float
+    visible_from: float | None
+    visible_with_more: float | None = None
+    alike: Mapping[str, float] = field(default_factory=dict)
+
+
+def atlas_of(
+    signatures: Mapping[str, Sequence[Signature]],
+    null: NullModel,
+    num_drives: int,
+    num_places: Mapping[str, int],
+) -> dict[str, AtlasEntry]:
+    """Return the atlas.
+
+    Args:
+        signatures: of all effects; of local ones and rhythms the strongest signature speaks for the rest.
+        null: the null model.
+        num_drives: drives in the field.
+        num_places: how many places and times were looked at for each local effect.
+    """
+    precision, raw = np.linalg.inv(null.covariance), np.linalg.inv(null.noise)
+    by_chance, alike_error = raw * null.noise, alike_errors(null)
+    random = np.random.default_rng(0).standard_normal((len(precision) + 1, NUM_FIELDS))
+    chosen: dict[str, Signature] = {}
+    for name, several in signatures.items():
+        chosen[name] = max(
+            several, key=lambda one: float(one.shift[-1] @ precision @ one.shift[-1]) / one.strengths[-1]
+        )
+    root = np.linalg.cholesky(precision).T
+    whitened = {name: root @ one.shift[-1] for name, one in chosen.items()}
+    entries = {}
+    for name, one in chosen.items():
+        seen = whitened[name] @ whitened[name]
+        total = float(one.shift[-1] @ raw @ one.shift[-1])
+        alike = {}
+        for other, vector in whitened.items():
+            length = np.linalg.norm(vector) * np.linalg.norm(whitened[name])
+            cosine = float(vector @ whitened[name] / length) if length > 0 else 0.0
+            if other != name and abs(cosine) > ALIKE:
+                alike[other] = cosine
+        medium, cost = effect_named(name).medium, np.log(max(num_places.get(name, 1), len(signatures[name])))
+        now, with_more = (
+            _visible_from(
+                [
+                    _Judge(each, medium, share * null.covariance, alike_error, cost, _true_shares(each, raw, by_chance))
+                    for each in (signatures[name] if one.is_fixed else [one])
+                ],
+                random,
+            )
+            for share in (1.0, num_drives / (num_drives + MORE_DRIVES))
+        )
+        entries[name] = AtlasEntry(
+            absorption=float(np.clip(1.0 - seen / total, 0.0, 1.0)) if total > 0 else 0.0,
+            visible_from=now,
+            visible_with_more=with_more,
+            alike=alike,
+        )
+    return entries
+
+
+class _Judge:
+    """Judges made-up fields by the evidence for one signature, as `evidence.explain` does."""
+
+    def __init__(
+        self,
+        one: Signature,
+        medium: float,
+        covariance: np.ndarray,
+        alike: np.ndarray,
+        cost: float,
+        true_shares: list[float],
+    ) -> None:
+        """Prepare what all fields share.
+
+        Args:
+            one: the signature.
+            medium: medium strength of its effect.
+            covariance: of the null.
+            alike: correlations of what a signature may be wrong by.
+            cost: of the places and times that were looked at, in log evidence.
+            true_shares: what of the signature is no chance of its runs, at each known strength but 0.
+        """
+        self.strengths = one.strengths
+        self.is_fixed = one.is_fixed
+        self._one, self._covariance, self._alike = one, covariance, alike
+        self._cost, self._true_shares = cost, true_shares
+        self._none = np.linalg.cholesky(covariance)
+        self._explanations = []
+        for strength in strengths_of(one, medium):
+            shift, uncertain = predicted(one, strength, alike)
+            self._explanations.append((shift, np.linalg.cholesky(covariance + uncertain)))
+
+    def power(self, strength: float, random: np.ndarray) -> float:
+        """Return the share of fields with the effect whose evidence for it suffices.
+
+        Args:
+            strength: of the effect.
+            random: standard normal numbers, [feature, field]; the last row for how strong the traces are.
+        """
+        known = self.strengths[1:]
+        not_true = 1.0 - np.interp(strength, known, self._true_shares)
+        uncertain = predicted(self._one, strength, self._alike)[1] - np.diag(not_true * self._one.at(strength)[1] ** 2)
+        shown = strength * np.exp(TRACE_ERROR * np.mean(self._one.exactness) * random[-1])
+        true = np.interp(shown, known, self._true_shares)
+        shift = true * np.stack([self._one.at(each)[0] for each in shown], axis=1)
+        fields = shift + np.linalg.cholesky(self._covariance + uncertain) @ random[:-1]
+        values = [_log_density(fields - at[:, None], root) for at, root in self._explanations]
+        gain = logsumexp(values, axis=0) - np.log(len(values)) - self._cost - _log_density(fields, self._none)
+        return float(np.mean(gain >= LEAST_EVIDENCE))
+
+
+def _true_shares(one: Signature, inverse: np.ndarray, by_chance: np.ndarray) -> list[float]:
+    """Return what of a measured signature is no chance of its runs, on the average, at each known strength but 0.
+
+    Source: the factor of James & Stein (1961), positive part; errors count as correlated as the noise is.
+
+    Args:
+        one: the signature.
+        inverse: of the noise.
+        by_chance: the same times the noise, element by element.
+    """
+    shares = []
+    for shift, error in zip(one.shift[1:], one.error[1:], strict=True):
+        size = float(shift @ inverse @ shift)
+        shares.append(max(1.0 - float(error @ by_chance @ error) / size, 0.0) if size > 0.0 else 0.0)
+    return shares
+
+
+def _log_density(differences: np.ndarray, root: np.ndarray) -> np.ndarray:
+    """Return logarithms of a normal density around 0, but for a constant, at columns."""
+    white = solve_triangular(root, differences, lower=True, check_finite=False)
+    return -0.5 * np.sum(white**2, axis=0) - np.log(np.diag(root)).sum()
+
+
+def _visible_from(several: Sequence[_Judge], random: np.ndarray) -> float | None:
+    """Return the weakest strength that enough fields show; of fixed signatures the weakest that is."""
+    if several[0].is_fixed:
+        visible = [float(one.strengths[-1]) for one in several if one.power(one.strengths[-1], random) >= POWER]
+        return min(visible, default=None)
+    (one,) = several
+    low, high = WEAKEST * one.strengths[-1], STRONGEST * one.strengths[-1]
+    if one.power(high, random) < POWER:
+        return None
+    if one.power(low, random) >= POWER:
+        return float(low)
+    for _ in range(HALVINGS):
+        middle = np.sqrt(low * high)
+        low, high = (low, middle) if one.power(middle, random) >= POWER else (middle, high)
+    return float(high)

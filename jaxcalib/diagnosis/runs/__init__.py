@@ -1,0 +1,1 @@
+"""The runs that a diagnosis needs, in both simulators."""

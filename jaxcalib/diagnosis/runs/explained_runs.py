@@ -1,0 +1,173 @@
+"""Runs that contain an effect, at parameter values of their own: made by SUMO where it can, by the surrogate else."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from jaxcalib.diagnosis.features.altered_drives import ALTERATIONS
+from jaxcalib.diagnosis.features.features import DriveTallies
+from jaxcalib.diagnosis.features.noise import NullModel, on_cells
+from jaxcalib.diagnosis.features.signature import Signature
+from jaxcalib.diagnosis.features.windows import window_of
+from jaxcalib.diagnosis.runs.parameter_steps import parameter_steps
+from jaxcalib.diagnosis.runs.sumo_runs import SumoRuns
+from jaxcalib.diagnosis.runs.trials import BASELINE, Trial, has_pairs, paired_difference
+from jaxcalib.problem.problem import CalibrationProblem
+from sim_adapters.scenario.sumo_effects import is_expressible
+from surrogate.effects.base import EffectSetting
+
+LEAST_VALUE_SHARE = 0.3  # of a calibrated value
+SLOPE_SHARE = 0.5  # of the runs of a point: slopes only say where to go on
+FEWEST_SLOPE_RUNS = 8
+STRENGTH_DROP = 0.3  # of the strength: over which the change with strength is measured; no stronger, shares end at 1
+
+
+@dataclass(frozen=True)
+class ExplainedRuns:
+    """Runs that contain an effect.
+
+    Attributes:
+        with_effect: their tallies.
+        without: tallies of runs with the same seeds in the same simulator, with the calibrated values and no effect,
+            where the simulator is the surrogate: only the difference counts. None where SUMO made the runs.
+    """
+
+    with_effect: DriveTallies
+    without: DriveTallies | None = None
+
+    def difference(self, null: NullModel) -> tuple[np.ndarray, np.ndarray]:
+        """Return by how much features differ from the null's, in units of noise, and the standard error.
+
+        Features that these runs do not show count as unchanged, with an infinite error.
+        """
+        if self.without is not None:
+            shift, error, _ = paired_difference(self.with_effect, self.without, null.cells)
+            return shift / null.deviation, error / null.deviation
+        seen = on_cells(self.with_effect, null.cells)
+        shift = null.standardised(seen.values())
+        error = self.deviation(null, seen.num_independent)
+        is_known = np.isfinite(shift) & (seen.below.sum(axis=0) > 0)
+        return np.where(is_known, shift, 0.0), np.where(is_known, error, np.inf)
+
+    def deviation(self, null: NullModel, num_drives: float) -> np.ndarray:
+        """Return the deviation of the features of so many drives with the effect, in units of the null's noise."""
+        seen = on_cells(self.with_effect, null.cells)
+        runs = seen.below.sum(axis=1) > 0
+        spread = np.nan_to_num(seen.influence()[runs]).std(axis=0, ddof=1)
+        return spread / np.sqrt(num_drives) / null.deviation
+
+
+@dataclass(frozen=True)
+class ExplainedRunner:
+    """Makes runs that contain an effect.
+
+    Attributes:
+        problem: the problem.
+        values: calibrated values.
+        sumo: makes SUMO's runs.
+        null: the null model for the drives to fit.
+        recalibrate: returns parameter values that a calibration finds with effects in; None where it fails.
+        run_trials: makes trials in the surrogate; the baseline's tallies are among what it returns.
+        num_runs: of each trial in the surrogate.
+    """
+
+    problem: CalibrationProblem
+    values: np.ndarray
+    sumo: SumoRuns
+    null: NullModel
+    recalibrate: Callable[[Mapping[str, EffectSetting]], np.ndarray | None]
+    run_trials: Callable[[Sequence[Trial]], Mapping[str, DriveTallies]]
+    num_runs: int
+
+    def in_surrogate(self, signature: Signature, steps: np.ndarray, strength: float) -> ExplainedRuns | None:
+        """Return the surrogate's runs with an effect; None where they fail, or do not show it.
+
+        Args:
+            signature: of the effect; it tells name, sign, place and time.
+            steps: shift of the parameters from the calibrated values, in steps.
+            strength: size of the effect's strength.
+        """
+        if signature.effect in ALTERATIONS:
+            return None
+        trial = self._trial(signature, moved_values(self.values, self._step_sizes, steps), strength)
+        found = self.run_trials([trial])
+        made = ExplainedRuns(found[trial.name], found[BASELINE])
+        return made if has_pairs(found[trial.name], found[BASELINE]) else None
+
+    def in_sumo(self, signature: Signature, steps: np.ndarray, strength: float) -> ExplainedRuns | None:
+        """Return SUMO's runs with an effect; None where they fail, or where it has no means for the effect.
+
+        Args:
+            signature: of the effect.
+            steps: shift of the parameters from the calibrated values, in steps.
+            strength: size of the effect's strength.
+        """
+        if signature.effect not in ALTERATIONS and not is_expressible(self.problem.scenario, signature.effect):
+            return None
+        values = moved_values(self.values, self._step_sizes, steps)
+        tallies = self.sumo.explained(signature.effect, signature.sign * strength, values)
+        return None if tallies is None else ExplainedRuns(tallies)
+
+    def recalibrated(self, signature: Signature, strength: float) -> np.ndarray | None:
+        """Return the shift of the parameters, in steps, that a calibration finds with an effect in; None if it fails.
+
+        Args:
+            signature: of the effect.
+            strength: size of the effect's strength.
+        """
+        if signature.effect in ALTERATIONS:
+            return None
+        values = self.recalibrate({signature.effect: _setting(signature, strength)})
+        return None if values is None else (values - self.values) / self._step_sizes
+
+    def slopes(self, signature: Signature, steps: np.ndarray, strength: float, known: np.ndarray) -> np.ndarray:
+        """Return how features change with each parameter's step and with the strength, once the effect is in.
+
+        A sensor's effect leaves traffic as it is, so that what is known of the parameters holds.
+
+        Args:
+            signature: of the effect.
+            steps: shift of the parameters from the calibrated values, in steps.
+            strength: size of the effect's strength.
+            known: the same slopes as known so far, [feature, parameter and strength], in units of noise; for what the
+                surrogate does not show.
+        """
+        if signature.effect in ALTERATIONS:
+            return known
+        values = moved_values(self.values, self._step_sizes, steps)
+        here = self._trial(signature, values, strength)
+        moved = [values + self._step_sizes * (np.arange(len(values)) == place) for place in range(len(values))]
+        away = [self._trial(signature, one, strength, SLOPE_SHARE) for one in moved]
+        widths = [1.0] * len(away)
+        if not signature.is_fixed:
+            away.append(self._trial(signature, values, (1.0 - STRENGTH_DROP) * strength, SLOPE_SHARE))
+            widths.append(-STRENGTH_DROP * strength)
+        found = self.run_trials([here, *away])
+        slopes = known.copy()
+        for place, (trial, width) in enumerate(zip(away, widths, strict=True)):
+            difference, error, _ = paired_difference(found[trial.name], found[here.name], self.null.cells)
+            is_shown = np.isfinite(error)
+            slopes[is_shown, place] = (difference / self.null.deviation)[is_shown] / width
+        return slopes
+
+    @property
+    def _step_sizes(self) -> np.ndarray:
+        return parameter_steps(self.problem.layout, self.values)
+
+    def _trial(self, signature: Signature, values: np.ndarray, strength: float, share: float = 1.0) -> Trial:
+        setting = _setting(signature, strength)
+        told = tuple(float(one) for one in values)
+        num_runs = max(FEWEST_SLOPE_RUNS, round(share * self.num_runs))
+        name = f"{signature.effect} {setting!r} {told!r} x{num_runs}"
+        return Trial(name, told, num_runs, {signature.effect: setting})
+
+
+def _setting(signature: Signature, strength: float) -> EffectSetting:
+    window, signed = window_of(signature), signature.sign * strength
+    return EffectSetting(signed) if window is None else window.effect_setting(signed)
+
+
+def moved_values(values: np.ndarray, step_sizes: np.ndarray, steps: np.ndarray) -> np.ndarray:
+    """Return parameter values after a shift; none falls below a share of what was calibrated."""
+    return np.maximum(values + step_sizes * steps, LEAST_VALUE_SHARE * values)

@@ -1,0 +1,140 @@
+"""What a diagnosis has SUMO run: the null, the scenario as it is, and the best effects; each part is made once."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from jaxcalib.calibration.stages.evaluator import AllRunsFailedError
+from jaxcalib.diagnosis.features.altered_drives import ALTERATIONS
+from jaxcalib.diagnosis.features.drive_features import DriveFeatures
+from jaxcalib.diagnosis.features.features import DriveTallies, joined_tallies
+from jaxcalib.diagnosis.runs.null_runs import NullRuns, alterations_of, fine_interval_s, num_runs_for, run_null
+from jaxcalib.diagnosis.runs.plan import DiagnosisBudget
+from jaxcalib.diagnosis.runs.stages import Stages
+from jaxcalib.problem.problem import CalibrationProblem
+from surrogate.effects.base import Effect, EffectSetting
+from surrogate.effects.registry import EFFECTS
+
+NULL_SEED, DEFAULT_SEED, CHECK_SEED, EXPLAINED_SEED = 600_000, 700_000, 900_000, 950_000
+
+
+@dataclass(frozen=True)
+class SumoRuns:
+    """Runs of SUMO for one set of calibrated values.
+
+    Attributes:
+        problem: the problem.
+        features: what is counted.
+        values: calibrated values.
+        plan: numbers of runs.
+        stages: keeps finished parts.
+        first_seed: of the diagnosis; each part has seeds of its own behind it.
+        on_runs: told of runs done.
+    """
+
+    problem: CalibrationProblem
+    features: DriveFeatures
+    values: np.ndarray
+    plan: DiagnosisBudget
+    stages: Stages
+    first_seed: int
+    on_runs: Callable[[int], None]
+
+    def first_null(self) -> NullRuns:
+        """Return the first runs with the calibrated values, and altered versions of some: enough to see where to."""
+        strengths = {effect.name: _strengths(effect) for effect in EFFECTS}
+        alterations = alterations_of(strengths, fine_interval_s(self.problem))
+
+        def make() -> dict[str, DriveTallies]:
+            runs = run_null(
+                self.problem, self.features, self.values, self._runs_for(self.plan.first_null_drives),
+                self.plan.altered_drives, alterations, self.first_seed + NULL_SEED, self.on_runs,
+            )  # fmt: skip
+            altered = {f"{name} {strength!r}": tallies for (name, strength), tallies in runs.altered.items()}
+            return {"": runs.plain} | altered
+
+        kept = self.stages.tallies(f"null {self._key}", make)
+        altered = {(name, strength): kept[f"{name} {strength!r}"] for name, strength in alterations}
+        return NullRuns(kept[""], altered)
+
+    def whole_null(self, first: NullRuns) -> NullRuns:
+        """Return all runs with the calibrated values, the first ones among them."""
+        begin, end = (self._runs_for(number) for number in (self.plan.first_null_drives, self.plan.null_drives))
+        if begin >= end:
+            return first
+
+        def make() -> dict[str, DriveTallies]:
+            runs = run_null(
+                self.problem, self.features, self.values, end - begin, 0, (),
+                self.first_seed + NULL_SEED, self.on_runs, first_run=begin,
+            )  # fmt: skip
+            return {"": runs.plain}
+
+        further = self.stages.tallies(f"further null {self._key}", make)[""]
+        return NullRuns(joined_tallies(first.plain, further), first.altered)
+
+    def default(self) -> DriveTallies | None:
+        """Return runs of the scenario as it is; None where they fail, for it may fill the entrance."""
+        base = self.problem.template.base_values()
+        try:
+            return self._plain("default", base, self.plan.default_drives, DEFAULT_SEED)
+        except AllRunsFailedError:
+            return None
+
+    def with_effect(self, name: str, setting: EffectSetting) -> DriveTallies | None:
+        """Return runs with the calibrated values and an effect, by SUMO's own means; None where they fail.
+
+        An effect may fill the road until the subject vehicle cannot enter.
+        """
+        part = f"check {name} {setting!r}"
+        try:
+            return self._plain(part, self.values, self.plan.check_drives, CHECK_SEED, {name: setting})
+        except AllRunsFailedError:
+            return None
+
+    def explained(self, name: str, strength: float, values: np.ndarray) -> DriveTallies | None:
+        """Return runs with values of their own and an effect; None where they fail.
+
+        A sensor's effect is put into the drives that SUMO makes, any other by SUMO's own means.
+        """
+        num_runs, seed = self._runs_for(self.plan.refit_drives), self.first_seed + EXPLAINED_SEED
+        problem, is_altered = self.problem, name in ALTERATIONS
+
+        def make() -> dict[str, DriveTallies]:
+            alterations = [(name, strength)] if is_altered else []
+            effects = {} if is_altered else {name: EffectSetting(strength)}
+            num_altered = len(problem.case.drives) * num_runs  # all of them
+            runs = run_null(
+                problem, self.features, values, num_runs, num_altered, alterations, seed, self.on_runs, effects
+            )
+            return {"": runs.altered[name, strength] if is_altered else runs.plain}
+
+        try:
+            return self.stages.tallies(f"explained {name} {strength!r} {values.tolist()!r} {self._key}", make)[""]
+        except AllRunsFailedError:
+            return None
+
+    def _plain(
+        self, part: str, values: np.ndarray, num_drives: int, seed: int, effects: dict[str, EffectSetting] | None = None
+    ) -> DriveTallies:
+        def make() -> dict[str, DriveTallies]:
+            runs = run_null(
+                self.problem, self.features, values, self._runs_for(num_drives), 0, (), self.first_seed + seed,
+                self.on_runs, effects,
+            )  # fmt: skip
+            return {"": runs.plain}
+
+        return self.stages.tallies(f"{part} {self._key}", make)[""]
+
+    def _runs_for(self, num_drives: int) -> int:
+        return num_runs_for(self.problem, num_drives)
+
+    @property
+    def _key(self) -> str:
+        return repr(self.values.tolist())
+
+
+def _strengths(effect: Effect) -> tuple[float, ...]:
+    several = (effect.weak, effect.medium, effect.strong)
+    return (*several, -effect.medium, -effect.strong) if effect.is_signed else several

@@ -1,0 +1,134 @@
+"""Runs of the surrogate that show what an effect, or another parameter value, does to the features."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from jaxcalib.diagnosis.features.drive_features import DriveFeatures
+from jaxcalib.diagnosis.features.features import DriveTallies, TallyBook, gather_tallies
+from jaxcalib.diagnosis.features.frame_recorder import FrameRecorder
+from sim_adapters.interface import RunRequest
+from sim_adapters.jax.simulator import JaxSimulator
+from surrogate.effects.base import EffectSetting
+
+BASELINE = "baseline"  # name of the trial without any effect, at the calibrated values
+RUNS_PER_CALL = 128  # what is recorded of them fits into memory
+FEWEST_PAIRS = 4
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One setting to run.
+
+    Attributes:
+        name: its name.
+        values: parameter vector.
+        num_runs: number of runs; the same seeds for all trials.
+        effects: effects by name.
+        first_run: number of the first run, where others of the same trial were made before.
+    """
+
+    name: str
+    values: tuple[float, ...]
+    num_runs: int
+    effects: Mapping[str, EffectSetting] = field(default_factory=dict)
+    first_run: int = 0
+
+
+@dataclass(frozen=True)
+class TrialRunner:
+    """Runs trials with common random numbers: run k of each has the same seed and departure.
+
+    Attributes:
+        engine: the surrogate, which records frames.
+        recorder: its observer.
+        features: what is counted.
+        departs_s: departures, taken in turn.
+        first_seed: seed of the first run.
+        interval_s: time between two frames.
+    """
+
+    engine: JaxSimulator
+    recorder: FrameRecorder
+    features: DriveFeatures
+    departs_s: Sequence[float]
+    first_seed: int
+    interval_s: float
+
+    def run(self, trials: Sequence[Trial], on_runs: Callable[[int], None]) -> dict[str, DriveTallies]:
+        """Return the tallies of each trial's runs; a run that failed has none, so that runs stay paired."""
+        requests = [
+            RunRequest(trial.values, self.first_seed + run, self.departs_s[run % len(self.departs_s)], trial.effects)
+            for trial in trials
+            for run in range(trial.first_run, trial.first_run + trial.num_runs)
+        ]
+        books: list[TallyBook] = []
+        for begin in range(0, len(requests), RUNS_PER_CALL):
+            part = requests[begin : begin + RUNS_PER_CALL]
+            for outcome in self.engine.run(part):
+                if outcome.status.is_ok:
+                    table = self.recorder.table(outcome.observed, self.interval_s)
+                    books.append(self.features.of_table(table))
+                else:
+                    books.append(TallyBook())
+            on_runs(len(part))
+        found, begin = {}, 0
+        for trial in trials:
+            chosen = slice(begin, begin + trial.num_runs)
+            departs = [request.depart_s for request in requests[chosen]]
+            found[trial.name] = gather_tallies(books[chosen], departs)
+            begin += trial.num_runs
+        return found
+
+
+def pairs_of(one: DriveTallies, other: DriveTallies) -> np.ndarray:
+    """Return the numbers of the runs that succeeded in both of two trials."""
+    num_runs = min(len(one), len(other))
+    return np.flatnonzero((one.below[:num_runs].sum(axis=1) > 0) & (other.below[:num_runs].sum(axis=1) > 0))
+
+
+def has_pairs(one: DriveTallies, other: DriveTallies) -> bool:
+    """Return whether enough runs succeeded in both of two trials to compare them."""
+    return len(pairs_of(one, other)) >= FEWEST_PAIRS
+
+
+def paired_difference(
+    one: DriveTallies, other: DriveTallies, cells: Sequence
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return by how much features differ between two trials, its standard error, and per-run influences of the first.
+
+    Runs with the same seed are pairs; a pair of which one run failed is left out.
+
+    Args:
+        one: tallies of a trial.
+        other: tallies of the trial that is taken off.
+        cells: the features wanted; those that one of the trials lacks get 0 and an infinite error.
+    """
+    runs, size = pairs_of(one, other), len(cells)
+    difference, error = np.zeros(size), np.full(size, np.inf)
+    influence = np.zeros((len(runs), size))
+    if not has_pairs(one, other):
+        return difference, error, influence
+    at_one = {cell: place for place, cell in enumerate(one.cells)}
+    at_other = {cell: place for place, cell in enumerate(other.cells)}
+    shared = [place for place, cell in enumerate(cells) if cell in at_one and cell in at_other]
+    a = DriveTallies(tuple(cells[k] for k in shared), *_columns(one, [at_one[cells[k]] for k in shared], runs))
+    b = DriveTallies(tuple(cells[k] for k in shared), *_columns(other, [at_other[cells[k]] for k in shared], runs))
+    moved = a.influence() - b.influence()
+    shift = a.values() - b.values()
+    spread = moved.std(axis=0, ddof=1) / np.sqrt(len(runs))
+    known = np.isfinite(shift) & np.isfinite(spread)
+    places = np.asarray(shared, int)
+    difference[places] = np.where(known, shift, 0.0)
+    error[places] = np.where(known, spread, np.inf)
+    influence[:, places] = np.nan_to_num(a.influence())
+    return difference, error, influence
+
+
+def _columns(tallies: DriveTallies, places: list[int], runs: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    above, below = (
+        tallies.above[np.ix_(runs, np.asarray(places, int))],
+        tallies.below[np.ix_(runs, np.asarray(places, int))],
+    )
+    return above, below, tallies.depart_s[runs]

@@ -1,0 +1,176 @@
+"""A recorded drive, matched to the route and cleaned: what the measures of the field are taken from."""
+
+import dataclasses
+from dataclasses import dataclass
+
+import numpy as np
+
+from jaxcalib.case.case import Case, Drive, Role
+from jaxcalib.field.even_clock import EvenDrive, to_even_clock
+from jaxcalib.field.log_cleaning import GAP_TOLERANCE, CleaningRules, clean_tracks, rules_for
+from jaxcalib.field.log_tables import EARLY_START_S, read_object_log, read_subject_log
+from jaxcalib.field.matched_objects import match_objects
+from jaxcalib.field.matched_subject import match_subject
+from jaxcalib.field.route_geometry import RouteGeometry, build_route_geometry
+from sim_adapters.frame_table import ObjectTable, SubjectTable, stack_frames
+from sim_adapters.scenario.road_builder import RowMap
+from surrogate.road.perception import PerceptionFrame
+
+
+@dataclass(frozen=True)
+class DriveCounts:
+    """What became of the rows of a drive's tables.
+
+    Attributes:
+        subject_rows: rows of the subject vehicle's table.
+        subject_rows_without_place: left out, for longitude, latitude or speed is missing.
+        object_rows: rows of the objects' table.
+        rows_without_subject: left out, for the subject vehicle's table has no such time.
+        rows_without_place: left out, for distance, speed, or both lane and place across are missing.
+        rows_off_route: left out, before the route's beginning or behind its end.
+        rows_off_road: left out, beside the carriageway.
+        rows_of_fragments: left out with episodes that were too short.
+        lanes_contradicting: rows that stay although lane and place across mean different lanes.
+        fragments: episodes that were too short.
+        splits: jumps that split a track.
+        long_gaps: gaps that were too long to bridge.
+        tracks: tracks that stay.
+    """
+
+    subject_rows: int
+    subject_rows_without_place: int
+    object_rows: int
+    rows_without_subject: int
+    rows_without_place: int
+    rows_off_route: int
+    rows_off_road: int
+    rows_of_fragments: int
+    lanes_contradicting: int
+    fragments: int
+    splits: int
+    long_gaps: int
+    tracks: int
+
+
+@dataclass(frozen=True)
+class DriveLog:
+    """A drive at the sampling that it was recorded with; SI units, rows of the road instead of lanes.
+
+    Attributes:
+        id: name of the drive.
+        role: whether the calibration may use it.
+        subject: the subject vehicle.
+        yaw_rate_radps: its angular velocity, one value per row of `subject`; nan where unknown.
+        objects: the detected vehicles.
+        episode: for each row of `objects` the number of its episode; nothing may be interpolated between episodes.
+        ahead_m: range of the sensors ahead.
+        behind_m: range behind.
+        rules: limits of the cleaning.
+        counts: what became of the tables' rows.
+        warnings: what a user should know, one line each.
+    """
+
+    id: str
+    role: Role
+    subject: SubjectTable
+    yaw_rate_radps: np.ndarray
+    objects: ObjectTable
+    episode: np.ndarray
+    ahead_m: float
+    behind_m: float
+    rules: CleaningRules
+    counts: DriveCounts
+    warnings: tuple[str, ...]
+
+    def on_clock(self, interval_s: float) -> EvenDrive:
+        """Return the drive at the multiples of an interval; see `jaxcalib.field.even_clock`."""
+        if not interval_s > 0.0:
+            raise ValueError(f"Expected an interval > 0 s; got {interval_s!r}.")
+        longest_gap_s = self.rules.longest_gap_s * (1 + GAP_TOLERANCE)
+        return to_even_clock(self.subject, self.objects, self.episode, interval_s, longest_gap_s)
+
+    def frames(self, interval_s: float, least_places: int = 96) -> PerceptionFrame:
+        """Return what the subject vehicle detected at the multiples of an interval.
+
+        Args:
+            interval_s: interval of the clock.
+            least_places: places for objects per frame, at least.
+
+        Returns:
+            A `PerceptionFrame` with a leading time axis; `valid` is False in gaps of the subject vehicle's log.
+        """
+        even = self.on_clock(interval_s)
+        frames = stack_frames(even.subject, even.objects, self.ahead_m, self.behind_m, least_places)
+        return dataclasses.replace(frames, valid=even.valid)
+
+
+def read_drives(case: Case, row_map: RowMap, rules: CleaningRules | None = None) -> tuple[DriveLog, ...]:
+    """Read all drives of a case; see `read_drive`."""
+    geometry = build_route_geometry(row_map)
+    return tuple(read_drive(case, drive, row_map, geometry, rules) for drive in case.drives)
+
+
+def read_drive(
+    case: Case,
+    drive: Drive,
+    row_map: RowMap,
+    geometry: RouteGeometry | None = None,
+    rules: CleaningRules | None = None,
+) -> DriveLog:
+    """Read the tables of a drive, find everything on the route and clean the tracks.
+
+    Args:
+        case: the case.
+        drive: one of its drives.
+        row_map: rows of the lanes along the subject vehicle's route.
+        geometry: of that route, if it is there already.
+        rules: limits of the cleaning.
+
+    Raises:
+        CaseError: a table is wrong, see `jaxcalib.field.log_tables`, or does not fit the road, see
+            `jaxcalib.field.matched_subject` and `jaxcalib.field.matched_objects`.
+    """
+    geometry = geometry or build_route_geometry(row_map)
+    earliest_s = drive.depart_s - EARLY_START_S
+    latest_s = case.scenario.duration_s if case.scenario else np.inf
+    subject_log = read_subject_log(drive.subject_file, earliest_s, latest_s)
+    object_log = read_object_log(drive.objects_file, earliest_s, latest_s)
+    rules = rules or rules_for(subject_log.sampling_s)
+    subject = match_subject(geometry, subject_log)
+    objects = match_objects(geometry, object_log, subject_log, subject)
+
+    table = objects.table
+    clean = clean_tracks(subject.table.time_s[table.instant], objects.vehicle, table.offset_m, table.speed_mps, rules)
+    cleaned = {field.name: getattr(table, field.name)[clean.keep] for field in dataclasses.fields(table)}
+    cleaned["track"] = clean.track[clean.keep]
+    counts = DriveCounts(
+        subject_rows=len(subject_log.time_s),
+        subject_rows_without_place=len(subject_log.time_s) - len(subject.log_row),
+        object_rows=len(object_log.time_s),
+        rows_without_subject=objects.rows_without_subject,
+        rows_without_place=objects.rows_without_place,
+        rows_off_route=objects.rows_off_route,
+        rows_off_road=objects.rows_off_road,
+        rows_of_fragments=int((~clean.keep).sum()),
+        lanes_contradicting=objects.lanes_contradicting,
+        fragments=clean.num_fragments,
+        splits=clean.num_splits,
+        long_gaps=clean.num_gaps,
+        tracks=clean.num_tracks,
+    )
+    warnings = [*subject.warnings, *objects.warnings]
+    if clean.num_splits:
+        warnings.append(f"{drive.objects_file.name}: {clean.num_splits} jumps; each one begins a new track.")
+    return DriveLog(
+        id=drive.id,
+        role=drive.role,
+        subject=subject.table,
+        yaw_rate_radps=subject.yaw_rate_radps,
+        objects=ObjectTable(**cleaned),
+        episode=clean.episode[clean.keep],
+        ahead_m=case.perception.ahead_m,
+        behind_m=case.perception.behind_m,
+        rules=rules,
+        counts=counts,
+        warnings=tuple(warnings),
+    )

@@ -1,0 +1,254 @@
+"""The two tables of a drive as they were recorded: checked row by row, in SI units.
+
+This is the only place that knows the columns of the files and their units.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from jaxcalib.errors import CaseError, quote
+from jaxcalib.field.table_files import ColumnTable, Kind, SizeLimit, read_columns, row_place
+from sim_adapters.units import mps_from_kmh
+
+LANE_UNKNOWN = 0
+CLOCK_TOLERANCE_S = 1e-3  # time stamps are rounded
+LEAST_SAMPLING_HZ = 1.0
+MOST_SAMPLING_HZ = 25.0
+SAMPLING_TOLERANCE = 0.05  # of the rate: clocks drift, and time stamps are rounded
+HIGHEST_SPEED_KMH = 400.0  # beyond it the unit is surely another one
+MOST_LANES = 20
+EARLY_START_S = 1.0  # a drive may begin this long before its nominal departure
+
+SUBJECT_COLUMNS: Mapping[str, Kind] = {
+    "time_s": "number",
+    "road": "text",
+    "speed_limit_kmh": "number",
+    "speed_kmh": "number",
+    "yaw_rate_radps": "number",
+    "longitude_rad": "number",
+    "latitude_rad": "number",
+    "acceleration_mps2": "number",
+    "lane": "number",
+    "lane_offset_m": "number",
+}
+OBJECT_COLUMNS: Mapping[str, Kind] = {
+    "time_s": "number",
+    "vehicle_id": "text",
+    "lane": "number",
+    "relative_x_m": "number",
+    "relative_y_m": "number",
+    "speed_kmh": "number",
+    "heading_deg": "number",
+}
+
+
+@dataclass(frozen=True)
+class SubjectLog:
+    """The subject vehicle, one row per time stamp, in time order; nan where the log has no value.
+
+    Attributes:
+        file: where it was read.
+        time_s: time on the scenario's clock.
+        road: SUMO edge id or the road's name, empty where unknown.
+        speed_limit_mps: legal limit.
+        speed_mps: speed.
+        yaw_rate_radps: angular velocity around the vertical axis.
+        longitude_rad: longitude of the front bumper's middle.
+        latitude_rad: its latitude.
+        acceleration_mps2: longitudinal acceleration.
+        lane: 1 = rightmost, LANE_UNKNOWN where empty.
+        lane_offset_m: centre line to the nearest lane marking.
+        extra_columns: columns that nobody reads.
+    """
+
+    file: Path
+    time_s: np.ndarray
+    road: np.ndarray
+    speed_limit_mps: np.ndarray
+    speed_mps: np.ndarray
+    yaw_rate_radps: np.ndarray
+    longitude_rad: np.ndarray
+    latitude_rad: np.ndarray
+    acceleration_mps2: np.ndarray
+    lane: np.ndarray
+    lane_offset_m: np.ndarray
+    extra_columns: tuple[str, ...]
+
+    @property
+    def sampling_s(self) -> float:
+        """Median time between two rows."""
+        return float(np.median(np.diff(self.time_s)))
+
+
+@dataclass(frozen=True)
+class ObjectLog:
+    """The detected vehicles, one row per time stamp and vehicle, in the file's order; nan where the log has no value.
+
+    Attributes:
+        file: where it was read.
+        time_s: time on the scenario's clock.
+        vehicle: number of the vehicle, an index into `vehicle_ids`.
+        vehicle_ids: ids, sorted.
+        lane: 1 = rightmost, LANE_UNKNOWN where empty.
+        relative_x_m: along the road from the subject vehicle, + ahead.
+        relative_y_m: across the road, + left.
+        speed_mps: absolute speed.
+        heading_rad: against the road's direction.
+        extra_columns: columns that nobody reads.
+    """
+
+    file: Path
+    time_s: np.ndarray
+    vehicle: np.ndarray
+    vehicle_ids: tuple[str, ...]
+    lane: np.ndarray
+    relative_x_m: np.ndarray
+    relative_y_m: np.ndarray
+    speed_mps: np.ndarray
+    heading_rad: np.ndarray
+    extra_columns: tuple[str, ...]
+
+
+def read_subject_log(
+    file: Path, earliest_s: float = -np.inf, latest_s: float = np.inf, limit: SizeLimit | None = None
+) -> SubjectLog:
+    """Read the subject vehicle's table.
+
+    Rows must be in time order: in a table with one row per time stamp, a time that runs backwards is a fault of the
+    clock or of the file, and sorting would hide it. (The objects' table may come in any order.)
+
+    Args:
+        file: the table.
+        earliest_s: earliest time on the scenario's clock.
+        latest_s: latest.
+        limit: what the file may grow to.
+
+    Raises:
+        CaseError: see `read_columns`; times that do not increase or lie outside the scenario's clock; a sampling rate
+            outside of 1 to 25 Hz; a value that the quantity cannot have.
+    """
+    table = read_columns(file, SUBJECT_COLUMNS, limit)
+    if table.num_rows < 2:
+        raise CaseError(file, "", f"expected at least two rows of data, got {table.num_rows}.")
+    time_s = table.numbers["time_s"]
+    _check_time(table, earliest_s, latest_s)
+    step_s = np.diff(time_s)
+    if np.any(step_s <= 0.0):
+        index = int(np.argmax(step_s <= 0.0)) + 1
+        found = "the same time again" if time_s[index] == time_s[index - 1] else "less"
+        place = row_place(index, "time_s")
+        raise CaseError(file, place, f"expected time_s to increase, got {time_s[index]:.10g}, {found}.")
+    rate_hz = 1.0 / float(np.median(step_s))
+    tolerance = 1.0 + SAMPLING_TOLERANCE
+    if rate_hz < LEAST_SAMPLING_HZ / tolerance or rate_hz > MOST_SAMPLING_HZ * tolerance:
+        expected = f"expected {LEAST_SAMPLING_HZ:g} to {MOST_SAMPLING_HZ:g} rows per second, got {rate_hz:.3g}."
+        raise CaseError(file, "column time_s", expected)
+    _check_range(table, "speed_kmh", 0.0, HIGHEST_SPEED_KMH, "a speed of 0 to 400 km/h")
+    _check_range(table, "speed_limit_kmh", 0.0, HIGHEST_SPEED_KMH, "a speed of 0 to 400 km/h")
+    _check_range(table, "longitude_rad", -np.pi, np.pi, "radians, -pi to pi")
+    _check_range(table, "latitude_rad", -np.pi / 2, np.pi / 2, "radians, -pi/2 to pi/2")
+    index, words = table.texts["road"]
+    return SubjectLog(
+        file=file,
+        time_s=time_s,
+        road=np.asarray([*words, ""], object)[index],
+        speed_limit_mps=_speeds_mps(table, "speed_limit_kmh"),
+        speed_mps=_speeds_mps(table, "speed_kmh"),
+        yaw_rate_radps=table.numbers["yaw_rate_radps"],
+        longitude_rad=table.numbers["longitude_rad"],
+        latitude_rad=table.numbers["latitude_rad"],
+        acceleration_mps2=table.numbers["acceleration_mps2"],
+        lane=_lanes(table),
+        lane_offset_m=table.numbers["lane_offset_m"],
+        extra_columns=table.extra_columns,
+    )
+
+
+def read_object_log(
+    file: Path, earliest_s: float = -np.inf, latest_s: float = np.inf, limit: SizeLimit | None = None
+) -> ObjectLog:
+    """Read the table of detected vehicles; its rows may come in any order, and it may be empty.
+
+    Args:
+        file: the table.
+        earliest_s: earliest time on the scenario's clock.
+        latest_s: latest.
+        limit: what the file may grow to.
+
+    Raises:
+        CaseError: see `read_columns`; a time outside the scenario's clock, a missing id, one vehicle twice at one time,
+            a value that the quantity cannot have.
+    """
+    table = read_columns(file, OBJECT_COLUMNS, limit)
+    _check_time(table, earliest_s, latest_s)
+    _check_range(table, "speed_kmh", 0.0, HIGHEST_SPEED_KMH, "a speed of 0 to 400 km/h")
+    vehicle, vehicle_ids = _vehicles(table)
+    time_s = table.numbers["time_s"]
+    order = np.lexsort((time_s, vehicle))  # stable: equal rows stay in the file's order
+    again = (np.diff(time_s[order]) == 0.0) & (np.diff(vehicle[order]) == 0)
+    if np.any(again):
+        index = int(order[1:][again].min())
+        found = f"vehicle {quote(vehicle_ids[vehicle[index]])} again at {time_s[index]:.10g} s"
+        raise CaseError(file, row_place(index), f"expected each vehicle once per time stamp, got {found}.")
+    return ObjectLog(
+        file=file,
+        time_s=time_s,
+        vehicle=vehicle,
+        vehicle_ids=vehicle_ids,
+        lane=_lanes(table),
+        relative_x_m=table.numbers["relative_x_m"],
+        relative_y_m=table.numbers["relative_y_m"],
+        speed_mps=_speeds_mps(table, "speed_kmh"),
+        heading_rad=np.radians(table.numbers["heading_deg"]),
+        extra_columns=table.extra_columns,
+    )
+
+
+def _check_time(table: ColumnTable, earliest_s: float, latest_s: float) -> None:
+    time_s = table.numbers["time_s"]
+    missing = np.isnan(time_s)
+    if np.any(missing):
+        raise CaseError(table.file, row_place(int(np.argmax(missing)), "time_s"), "expected a time, got nothing.")
+    outside = (time_s < earliest_s) | (time_s > latest_s)
+    if np.any(outside):
+        index = int(np.argmax(outside))
+        expected = f"expected {earliest_s:g} to {latest_s:g} on the scenario's clock, got {time_s[index]:.10g}."
+        raise CaseError(table.file, row_place(index, "time_s"), expected)
+
+
+def _check_range(table: ColumnTable, column: str, least: float, most: float, expected: str) -> None:
+    values = table.numbers[column]
+    outside = (values < least) | (values > most)
+    if np.any(outside):
+        index = int(np.argmax(outside))
+        raise CaseError(table.file, row_place(index, column), f"expected {expected}, got {values[index]:.10g}.")
+
+
+def _speeds_mps(table: ColumnTable, column: str) -> np.ndarray:
+    return np.asarray(mps_from_kmh(table.numbers[column]))  # pyright: ignore[reportArgumentType]
+
+
+def _lanes(table: ColumnTable) -> np.ndarray:
+    lane = table.numbers["lane"]
+    filled = np.where(np.isnan(lane), 1.0, lane)
+    wrong = (filled < 1.0) | (filled > MOST_LANES) | (filled != np.round(filled))
+    if np.any(wrong):
+        index = int(np.argmax(wrong))
+        expected = f"expected a whole number from 1 (rightmost), got {lane[index]:.10g}."
+        raise CaseError(table.file, row_place(index, "lane"), expected)
+    return np.where(np.isnan(lane), LANE_UNKNOWN, filled).astype(np.int64)
+
+
+def _vehicles(table: ColumnTable) -> tuple[np.ndarray, tuple[str, ...]]:
+    """Number the vehicles by their sorted ids, so that the numbers do not depend on the order of the rows."""
+    index, words = table.texts["vehicle_id"]
+    if "" in words:
+        first = int(np.argmax(index == words.index("")))
+        raise CaseError(table.file, row_place(first, "vehicle_id"), "expected an id, got nothing.")
+    ranked = sorted(range(len(words)), key=words.__getitem__)
+    rank = np.empty(len(words), np.int64)
+    rank[ranked] = np.arange(len(words))
+    return rank[index] if len(words) else np.zeros(0, np.int64), tuple(words[i] for i in ranked)

@@ -1,0 +1,193 @@
+"""Finds where on the route something is: from longitude and latitude, or from a lane number and a place across."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from jaxcalib.field.log_tables import LANE_UNKNOWN
+from jaxcalib.field.route_geometry import RouteGeometry
+
+NEAREST_POINTS = 8  # enough to reach both sides of a lane's border and of a bend
+LANE_TOLERANCE_M = 0.5  # beyond half a lane's width: a vehicle that changes lanes is in either for a moment
+ROADSIDE_M = 1.0  # beyond the outermost lanes: farther off it is on a ramp or on the shoulder
+BORDER_REACH_M = 30.0  # errors of range, late reports and biased sensors carry an object across an edge's end
+MAP_REACH_M = 100.0  # a map that lies wrong, or a place that drifts, carries everything farther
+
+
+@dataclass(frozen=True)
+class MatchedPoints:
+    """Places on the route.
+
+    Attributes:
+        position_m: along the route's axis.
+        lateral_m: offset from the centre of the lane, + left.
+        row: row of the lane.
+        distance_m: from the lane's centre line, also beyond the route's ends.
+    """
+
+    position_m: np.ndarray
+    lateral_m: np.ndarray
+    row: np.ndarray
+    distance_m: np.ndarray
+
+
+@dataclass(frozen=True)
+class LaneMatch:
+    """The lanes that numbers of lanes mean.
+
+    Attributes:
+        edge: index of the edge on the route.
+        row: row of the lane, -1 where there is none.
+        lateral_m: offset from its centre, + left; nan where unknown or where the number contradicts the place across.
+        contradicts: the number and the place across the road mean different lanes; `row` follows the number.
+        no_such_lane: the road has no lane of that number there.
+        misplaced: of these, the road has one a little before or farther on.
+        off_road: without a number, and farther off than the outermost lanes.
+        unknown: neither a number nor a place across.
+    """
+
+    edge: np.ndarray
+    row: np.ndarray
+    lateral_m: np.ndarray
+    contradicts: np.ndarray
+    no_such_lane: np.ndarray
+    misplaced: np.ndarray
+    off_road: np.ndarray
+    unknown: np.ndarray
+
+
+def project(geometry: RouteGeometry, longitude_rad: np.ndarray, latitude_rad: np.ndarray) -> np.ndarray:
+    """Return points (x, y) in the network's plane; inf where the projection does not reach.
+
+    Source: `sumolib.net.Net.convertLonLat2XY`, for arrays.
+    """
+    x, y = geometry.projection(np.degrees(longitude_rad), np.degrees(latitude_rad))
+    return np.stack([np.asarray(x), np.asarray(y)], axis=-1) + np.asarray(geometry.net_offset_m)
+
+
+def match_points(geometry: RouteGeometry, xy: np.ndarray) -> MatchedPoints:
+    """Return for each point the nearest place on the route's lanes.
+
+    Args:
+        geometry: the route.
+        xy: finite points in the network's plane.
+    """
+    _, nearest = geometry.tree.query(xy, k=min(NEAREST_POINTS, len(geometry.segment_of_point)))
+    segment = geometry.segment_of_point[nearest.reshape(len(xy), -1)]
+    return _nearest_of(geometry, xy, segment)
+
+
+def match_points_in_rows(
+    geometry: RouteGeometry, xy: np.ndarray, row: np.ndarray, position_m: np.ndarray
+) -> MatchedPoints:
+    """Return the nearest place in a given row.
+
+    Args:
+        geometry: the route.
+        xy: points in the network's plane.
+        row: row to look in.
+        position_m: roughly where on the axis, to within a segment or so.
+    """
+    segment = np.zeros((len(xy), 3), np.int64)
+    for number, in_row in enumerate(geometry.by_row):
+        mine = np.flatnonzero(row == number)
+        if len(mine) and len(in_row):
+            place = np.searchsorted(geometry.begin_m[in_row], position_m[mine], side="right") - 1
+            segment[mine] = in_row[np.clip(place[:, None] + np.arange(-1, 2), 0, len(in_row) - 1)]
+    return _nearest_of(geometry, xy, segment)
+
+
+def _nearest_of(geometry: RouteGeometry, xy: np.ndarray, segment: np.ndarray) -> MatchedPoints:
+    """Return the nearest place on the given segments of each point."""
+    step = geometry.step_xy[segment]
+    away = xy[:, None, :] - geometry.begin_xy[segment]
+    share = np.clip(np.sum(away * step, axis=-1) / np.sum(step * step, axis=-1), 0.0, 1.0)
+    miss = away - share[..., None] * step
+    distance = np.hypot(miss[..., 0], miss[..., 1])
+    best = np.argmin(distance, axis=1)[:, None]
+
+    def of_best(values: np.ndarray) -> np.ndarray:
+        return np.take_along_axis(values, best, axis=1)[:, 0]
+
+    chosen = of_best(segment)
+    left = of_best(step[..., 0] * away[..., 1] - step[..., 1] * away[..., 0]) >= 0.0
+    distance, share = of_best(distance), of_best(share)
+    return MatchedPoints(
+        position_m=geometry.begin_m[chosen] + share * geometry.length_m[chosen],
+        lateral_m=np.where(left, distance, -distance),
+        row=geometry.row[chosen],
+        distance_m=distance,
+    )
+
+
+def lane_centre_m(geometry: RouteGeometry, edge: np.ndarray, row: np.ndarray) -> np.ndarray:
+    """Return the centre of a row's lane across the road; nan where the edge has no lane in that row."""
+    in_row = geometry.row_of_lane[edge] == row[:, None]
+    lane = np.argmax(in_row, axis=1)
+    return np.where(in_row.any(axis=1), geometry.lane_centre_m[edge, lane], np.nan)
+
+
+def match_lanes(
+    geometry: RouteGeometry, position_m: np.ndarray, across_m: np.ndarray, lane: np.ndarray, edge: np.ndarray
+) -> LaneMatch:
+    """Return the lanes that numbers of lanes mean.
+
+    A number counts from the right of the edge that the vehicle is on, so it shifts by one where an auxiliary lane
+    begins. Near an edge's end the number may still, or already, be that of the neighbouring edge: positions are
+    rounded, vehicles between two edges are counted with either, and sensors report late. There the edge whose lane lies
+    where the vehicle was seen across the road is taken.
+
+    Args:
+        geometry: the route.
+        position_m: along the axis.
+        across_m: across the road in the coordinate of `geometry.lane_centre_m`; nan where unknown.
+        lane: 1 = rightmost, LANE_UNKNOWN where empty.
+        edge: index of the edge that the number most likely refers to.
+    """
+    given, placed = lane != LANE_UNKNOWN, ~np.isnan(across_m)
+    candidates = np.stack([edge, edge - 1, edge + 1], axis=1)
+    last = len(geometry.edges) - 1
+    inside = np.clip(candidates, 0, last)
+    from_end_m = np.maximum(geometry.edge_start_m[inside] - position_m[:, None], 0.0) + np.maximum(
+        position_m[:, None] - geometry.edge_end_m[inside], 0.0
+    )
+    reached = (candidates == inside) & (from_end_m <= BORDER_REACH_M)
+    reached[:, 0] = True
+
+    index = np.where(given, lane - 1, 0)[:, None]
+    has_lane = index < geometry.num_lanes[inside]
+    exists = reached & has_lane
+    is_nearby = ((candidates == inside) & (from_end_m <= MAP_REACH_M) & has_lane).any(axis=1)
+    column = np.minimum(index, geometry.row_of_lane.shape[1] - 1)
+    lateral = across_m[:, None] - geometry.lane_centre_m[inside, column]
+    fits = exists & (np.abs(lateral) <= geometry.lane_width_m[inside, column] / 2 + LANE_TOLERANCE_M)
+    # The lane that fits counts first, then the one that is there; among equals the likely edge, then the nearer one.
+    rank = np.where(fits, 0.0, np.where(exists, 1.0, 2.0))
+    order = np.where(np.arange(3) == 0, 0.0, 1e-3 + from_end_m * 1e-6)
+    choice = np.argmin(rank + order, axis=1)
+
+    from_across = _lane_across(geometry, across_m, edge)
+    chosen_edge = np.where(given, np.take_along_axis(inside, choice[:, None], axis=1)[:, 0], edge)
+    chosen_lane = np.where(given, column[:, 0], from_across)
+    is_there = np.where(given, np.take_along_axis(exists, choice[:, None], axis=1)[:, 0], placed)
+    lateral = across_m - geometry.lane_centre_m[chosen_edge, chosen_lane]
+    is_near = np.abs(lateral) <= geometry.lane_width_m[chosen_edge, chosen_lane] / 2 + np.where(
+        given, LANE_TOLERANCE_M, ROADSIDE_M
+    )
+    off_road = ~given & placed & ~is_near
+    return LaneMatch(
+        edge=chosen_edge,
+        row=np.where(is_there & ~off_road, geometry.row_of_lane[chosen_edge, chosen_lane], -1),
+        lateral_m=np.where(is_there & is_near, lateral, np.nan),
+        contradicts=given & is_there & placed & ~is_near,
+        no_such_lane=given & ~is_there,
+        misplaced=given & ~is_there & is_nearby,
+        off_road=off_road,
+        unknown=~given & ~placed,
+    )
+
+
+def _lane_across(geometry: RouteGeometry, across_m: np.ndarray, edge: np.ndarray) -> np.ndarray:
+    """Return the index of the lane whose centre is nearest."""
+    away = np.abs(across_m[:, None] - geometry.lane_centre_m[edge])
+    return np.argmin(np.where(np.isnan(away), np.inf, away), axis=1)

@@ -1,0 +1,192 @@
+"""The lanes of a route as polylines with their place on the route's axis: what map matching looks things up in."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.spatial import KDTree
+
+from jaxcalib.errors import CaseError
+from sim_adapters.scenario.road_builder import RowMap
+
+SAMPLE_M = 1.0  # distance of the points that the nearest lane is looked up among
+
+
+@dataclass(frozen=True)
+class RouteGeometry:
+    """The route's carriageway, cut into straight segments; every segment lies in one row.
+
+    Where an edge's shape is shorter or longer than its length in the network, positions are scaled, as SUMO does.
+    The stretch between two edges belongs to the edge before it, as in `sim_adapters.scenario.road_builder`.
+
+    Attributes:
+        begin_xy: where each segment begins, in the network's plane.
+        step_xy: from there to its end.
+        begin_m: where it begins on the route's axis.
+        length_m: its length on the axis.
+        row: its row.
+        by_row: for each row its segments in the order of the axis.
+        tree: points along all segments, for looking up the nearest.
+        segment_of_point: segment of each point.
+        edges: the route's edges.
+        edge_start_m: where each edge begins on the axis.
+        edge_end_m: where it ends.
+        num_lanes: its number of lanes.
+        row_of_lane: row of each (edge, lane), -1 where there is no such lane.
+        lane_centre_m: centre of each (edge, lane) across the road, + left, in one coordinate for the whole route.
+        lane_width_m: its width.
+        projection: of the network, from longitude and latitude in degrees.
+        net_offset_m: added to the projected coordinates.
+    """
+
+    begin_xy: np.ndarray
+    step_xy: np.ndarray
+    begin_m: np.ndarray
+    length_m: np.ndarray
+    row: np.ndarray
+    by_row: tuple[np.ndarray, ...]
+    tree: KDTree
+    segment_of_point: np.ndarray
+    edges: tuple[str, ...]
+    edge_start_m: np.ndarray
+    edge_end_m: np.ndarray
+    num_lanes: np.ndarray
+    row_of_lane: np.ndarray
+    lane_centre_m: np.ndarray
+    lane_width_m: np.ndarray
+    projection: Any
+    net_offset_m: tuple[float, float]
+
+    @property
+    def route_length_m(self) -> float:
+        """Length of the route."""
+        return float(self.edge_end_m[-1])
+
+    def edge_at(self, position_m: np.ndarray) -> np.ndarray:
+        """Return the index of the edge at a position; before and behind the route the first and the last one."""
+        index = np.searchsorted(self.edge_start_m, position_m, side="right") - 1
+        return np.clip(index, 0, len(self.edges) - 1)
+
+
+def build_route_geometry(row_map: RowMap) -> RouteGeometry:
+    """Return the geometry of the route's carriageway.
+
+    Raises:
+        CaseError: the network has no geographic projection.
+    """
+    network = row_map.network
+    net, edges = network.net, network.main_edges
+    if not net.hasGeoProj():
+        raise CaseError(
+            network.file, "location", "expected a geographic projection; the logs' longitude and latitude refer to it."
+        )
+    pieces = [
+        (row_map.row_of_lane[(edge, index)], shape, start_m, end_m)
+        for number, edge in enumerate(edges)
+        for index in range(network.lane_count[edge])
+        for shape, start_m, end_m in _lane_pieces(row_map, number, index)
+    ]
+    begin_xy, step_xy, begin_m, length_m, row = _cut(pieces)
+    segment_of_point, points = _points(begin_xy, step_xy)
+    row_of_lane, centre_m, width_m = _cross_section(row_map)
+    return RouteGeometry(
+        begin_xy=begin_xy,
+        step_xy=step_xy,
+        begin_m=begin_m,
+        length_m=length_m,
+        row=row,
+        by_row=tuple(_in_axis_order(begin_m, row, number) for number in range(row_map.num_rows)),
+        tree=KDTree(points),
+        segment_of_point=segment_of_point,
+        edges=edges,
+        edge_start_m=np.asarray([network.edge_start_m(edge) for edge in edges]),
+        edge_end_m=np.asarray([network.edge_end_m(edge) for edge in edges]),
+        num_lanes=np.asarray([network.lane_count[edge] for edge in edges]),
+        row_of_lane=row_of_lane,
+        lane_centre_m=centre_m,
+        lane_width_m=width_m,
+        projection=net.getGeoProj(),
+        net_offset_m=tuple(net.getLocationOffset()),
+    )
+
+
+def _lane_pieces(row_map: RowMap, number: int, index: int) -> list[tuple[np.ndarray, float, float]]:
+    """Return the shape of a lane, and that of the way from it to the next edge, with their places on the axis."""
+    network = row_map.network
+    edge = network.main_edges[number]
+    lane, route_lane = network.net.getEdge(edge).getLanes()[index], network.lanes[(edge, index)]
+    shape = _plane(lane.getShape())
+    pieces = [(shape, route_lane.start_m, route_lane.end_m)]
+    if number + 1 == len(network.main_edges):
+        return pieces
+    following = network.main_edges[number + 1]
+    for connection in lane.getOutgoing():
+        target = connection.getToLane()
+        if target.getEdge().getID() != following:
+            continue
+        via = connection.getViaLaneID()
+        between = [_plane(network.net.getLane(via).getShape())] if via else []
+        way = np.concatenate([shape[-1:], *between, _plane(target.getShape())[:1]])
+        pieces.append((way, route_lane.end_m, network.edge_start_m(following)))
+        break
+    return pieces
+
+
+def _plane(shape: Any) -> np.ndarray:
+    return np.asarray([point[:2] for point in shape], float)
+
+
+def _cut(pieces: list[tuple[int, np.ndarray, float, float]]) -> tuple[np.ndarray, ...]:
+    """Cut polylines into segments; what is left out has no length."""
+    begin_xy, step_xy, begin_m, length_m, rows = [], [], [], [], []
+    for row, shape, start_m, end_m in pieces:
+        step = np.diff(shape, axis=0)
+        drawn = np.hypot(step[:, 0], step[:, 1])
+        if drawn.sum() == 0.0:
+            continue
+        scale = (end_m - start_m) / drawn.sum()
+        keep = drawn > 0.0
+        begin_xy.append(shape[:-1][keep])
+        step_xy.append(step[keep])
+        begin_m.append((start_m + scale * (np.cumsum(drawn) - drawn))[keep])
+        length_m.append((scale * drawn)[keep])
+        rows.append(np.full(int(keep.sum()), row))
+    return tuple(np.concatenate(parts) for parts in (begin_xy, step_xy, begin_m, length_m, rows))
+
+
+def _points(begin_xy: np.ndarray, step_xy: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return points along the segments at most SAMPLE_M apart, and the segment of each."""
+    drawn = np.hypot(step_xy[:, 0], step_xy[:, 1])
+    count = np.ceil(drawn / SAMPLE_M).astype(int) + 1
+    segment = np.repeat(np.arange(len(count)), count)
+    rank = np.arange(len(segment)) - np.repeat(np.cumsum(count) - count, count)
+    share = rank / (count - 1)[segment]
+    return segment, begin_xy[segment] + share[:, None] * step_xy[segment]
+
+
+def _in_axis_order(begin_m: np.ndarray, row: np.ndarray, number: int) -> np.ndarray:
+    segments = np.flatnonzero(row == number)
+    return segments[np.argsort(begin_m[segments], kind="stable")]
+
+
+def _cross_section(row_map: RowMap) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return row, centre across the road and width of each (edge, lane).
+
+    The coordinate across the road is carried on from edge to edge by the rows that both have, so that it does not jump
+    where an auxiliary lane begins.
+    """
+    network = row_map.network
+    most = max(network.lane_count[edge] for edge in network.main_edges)
+    rows = np.full((len(network.main_edges), most), -1)
+    centres, widths = np.full((2, *rows.shape), np.nan)
+    for number, edge in enumerate(network.main_edges):
+        lanes = range(network.lane_count[edge])
+        width = np.asarray([lane.getWidth() for lane in network.net.getEdge(edge).getLanes()])
+        centre = np.cumsum(width) - width / 2
+        row = [row_map.row_of_lane[(edge, index)] for index in lanes]
+        if number:
+            before = {r: centres[number - 1, i] for i, r in enumerate(rows[number - 1]) if r >= 0}
+            shift = [before[r] - centre[i] for i, r in enumerate(row) if r in before]
+            centre = centre + (np.mean(shift) if shift else 0.0)
+        rows[number, lanes], centres[number, lanes], widths[number, lanes] = row, centre, width
+    return rows, centres, widths

@@ -1,0 +1,1 @@
+"""What is to be calibrated: a case's scenario and measured logs, its parameters, and both simulators for it."""

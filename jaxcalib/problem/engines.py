@@ -1,0 +1,115 @@
+"""Both simulators of a problem, ready to run."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxcalib.problem.problem import FRAME_INTERVAL_S, CalibrationProblem
+from sim_adapters.jax.program_store import program_store
+from sim_adapters.jax.simulator import JaxSimulator
+from sim_adapters.sumo.distant import DistantTypes
+from sim_adapters.sumo.driver import subject_control
+from sim_adapters.sumo.simulator import FrameFold, SensorRange, SumoSimulator, VehicleCounter
+from sim_adapters.units import METRES_PER_KILOMETRE
+from surrogate.loop.course import RunPlan
+from surrogate.loop.world import Clock
+from surrogate.road.perception import Sensor
+
+DECISION_INTERVAL_S = (
+    1.0  # twice as fast as 0.5 s, and the discrepancy from SUMO is learnt anyway; see docs/surrogate.md
+)
+SPARE_CAPACITY = 1.4  # candidates may be denser than the field
+RAMP_VEHICLES = 32
+OBJECTS_PER_ROW = 32
+
+
+def prepare_devices(num_cores: int) -> None:
+    """Let the surrogate use all cores; without effect once JAX has started."""
+    try:
+        jax.config.update("jax_num_cpu_devices", num_cores)
+    except RuntimeError:  # a program that imports jaxcalib has used JAX before; then its devices stand
+        return
+
+
+def surrogate_engine(
+    problem: CalibrationProblem,
+    spare_capacity: float = SPARE_CAPACITY,
+    most_overfull_share: float = 0.75,
+    runs_per_device: int | None = None,
+) -> JaxSimulator:
+    """Return the surrogate for a problem.
+
+    Args:
+        problem: the problem.
+        spare_capacity: room for vehicles, as a multiple of those in the field.
+        most_overfull_share: see `JaxSimulator`; a search can do without candidates that are much denser than the field,
+            0 is for studies that need every run.
+        runs_per_device: size of a device's part of a batch; from the room unless given.
+    """
+    scenario, perception = problem.parts.scenario, problem.case.perception
+    return JaxSimulator(
+        template=problem.template,
+        observer=problem.tally,
+        sensor=Sensor(
+            jnp.asarray(perception.ahead_m, jnp.float32), jnp.asarray(perception.behind_m, jnp.float32), OBJECTS_PER_ROW
+        ),
+        clock=_clock(problem),
+        end_s=scenario.duration_s,
+        capacity=expected_vehicles(problem, spare_capacity),
+        runs_per_device=runs_per_device,
+        frame_interval_s=FRAME_INTERVAL_S,
+        most_overfull_share=most_overfull_share,
+        programs=program_store(),
+    )
+
+
+def sumo_engine(
+    problem: CalibrationProblem,
+    num_processes: int | None = None,
+    fold: FrameFold | None = None,
+    counter: VehicleCounter | None = None,
+) -> SumoSimulator:
+    """Return SUMO for a problem; close it after use.
+
+    Args:
+        problem: the problem.
+        num_processes: workers; one for each core unless given.
+        fold: turns the frames of a drive into numbers; the problem's unless given.
+        counter: counts vehicles instead, up to the end of the scenario.
+    """
+    perception, clock = problem.case.perception, _clock(problem)
+    plan = RunPlan(clock, 0, round(FRAME_INTERVAL_S / clock.step_s))
+    return SumoSimulator(
+        scenario=problem.scenario,
+        layout=problem.layout,
+        fold=fold or problem.fold,
+        sensor=SensorRange(perception.ahead_m, perception.behind_m),
+        subject_vehicle=problem.parts.subject.vehicle,
+        frame_interval_s=FRAME_INTERVAL_S,
+        end_s=problem.parts.scenario.duration_s,
+        num_processes=num_processes,
+        counter=counter,
+        control=lambda request: subject_control(problem.template, request, clock, plan.steps_before_decision),
+        distant=_distant_types(problem, clock, plan.steps_before_decision),
+    )
+
+
+def _distant_types(problem: CalibrationProblem, clock: Clock, first_step: int) -> DistantTypes | None:
+    chosen, sensor = problem.template.distant_vtypes, problem.case.perception
+    if not chosen:
+        return None
+    return DistantTypes(dict(chosen), sensor.ahead_m, sensor.behind_m, clock.steps_per_decision, first_step)
+
+
+def _clock(problem: CalibrationProblem) -> Clock:
+    step_s = problem.parts.scenario.step_s
+    steps_per_decision = max(1, round(DECISION_INTERVAL_S / step_s))
+    return Clock(step_s, steps_per_decision, problem.scenario.configuration.lane_change_duration_s)
+
+
+def expected_vehicles(problem: CalibrationProblem, spare_capacity: float = SPARE_CAPACITY) -> int:
+    """Return how many vehicles the surrogate should have room for, from the density that the field shows."""
+    pooled = dict(zip(problem.tally_names, problem.field_of("fit").sum(axis=0), strict=True))
+    density_vehpkm = problem.measures["traffic_density_vehpkm"].value(pooled).value
+    lane_km = float(problem.road.lane_m[-1]) / METRES_PER_KILOMETRE
+    return int(np.ceil(spare_capacity * density_vehpkm * lane_km)) + RAMP_VEHICLES

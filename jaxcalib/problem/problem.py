@@ -1,0 +1,224 @@
+"""Everything that a calibration starts from: the case, its scenario, its logs, and what the logs measure."""
+
+import dataclasses
+import functools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import jax.numpy as jnp
+import numpy as np
+
+from jaxcalib.case.case import Case, Role, ScenarioParts, read_case, require_scenario
+from jaxcalib.case.case_file import FILE_NAME
+from jaxcalib.errors import CaseError, quote
+from jaxcalib.field.field_log import DriveLog, read_drives
+from jaxcalib.field.seen_range import range_warnings, seen_perception
+from jaxcalib.measures.drive_tally import DriveTally, drive_tally
+from jaxcalib.measures.lane_change import num_target_gap_classes
+from jaxcalib.measures.measure import Measure
+from jaxcalib.measures.observed_road import ObservedRoad, observe_road
+from jaxcalib.measures.registry import all_measures
+from jaxcalib.measures.scene import MeasureSettings
+from jaxcalib.measures.whole_drive import WholeDriveFold
+from jaxcalib.problem.parameter_space import RANGES, behaviour_parameters
+from jaxcalib.problem.problem_checks import (
+    check_clock,
+    check_drives,
+    check_inflows,
+    check_models,
+    coverage_warnings,
+    replay_warnings,
+)
+from sim_adapters.errors import ScenarioError
+from sim_adapters.interface import ParameterLayout
+from sim_adapters.scenario.scenario import Scenario, read_scenario
+from sim_adapters.world.logged_drive import LoggedDrive, resample
+from sim_adapters.world.world_builder import WorldTemplate, build_template
+from surrogate.subject.registry import REPLAY
+
+FRAME_INTERVAL_S = 0.5
+FRAMES_STEP = 128
+LEAST_SPEED_MPS = 2.0  # below it a time headway means nothing
+LONGEST_HEADWAY_S = 6.0  # behind it a vehicle does not follow its leader
+SPARE_TRACKS = 2.5  # simulated drives may meet more vehicles than the field's
+
+
+@dataclass(frozen=True)
+class CalibrationProblem:
+    """What a calibration starts from.
+
+    Attributes:
+        case: the case.
+        parts: the parts of it that simulations need.
+        scenario: the SUMO scenario.
+        template: what all surrogate worlds of it share.
+        tally: what is counted in a drive.
+        fold: the same for drives that are there already.
+        measures: what is made of tallies, by name.
+        drives: logs of the drives.
+        field_tally: tallies of each drive, [drive, tally].
+        range_warnings: where less was seen than the case states, one line each.
+    """
+
+    case: Case
+    parts: ScenarioParts
+    scenario: Scenario
+    template: WorldTemplate
+    tally: DriveTally
+    fold: WholeDriveFold
+    measures: Mapping[str, Measure]
+    drives: tuple[DriveLog, ...]
+    field_tally: np.ndarray
+    range_warnings: tuple[str, ...] = ()
+
+    @property
+    def layout(self) -> ParameterLayout:
+        """Meaning of parameter vectors."""
+        return self.template.layout
+
+    @property
+    def road(self) -> ObservedRoad:
+        """The observed road."""
+        return self.tally.settings.road
+
+    @property
+    def tally_names(self) -> tuple[str, ...]:
+        """Names of the tallies."""
+        return self.tally.names
+
+    @functools.cached_property
+    def tally_index(self) -> Mapping[str, int]:
+        """Place of each tally in the vector."""
+        return {name: index for index, name in enumerate(self.tally_names)}
+
+    @property
+    def model(self) -> str:
+        """Car-following model of the background vehicles."""
+        return self.parts.behaviour.car_following
+
+    def departs_s(self, role: Role) -> tuple[float, ...]:
+        """Return when the subject vehicle departs in each drive of a role."""
+        return tuple(drive.depart_s for drive in self.case.drives_of(role))
+
+    def field_of(self, role: Role) -> np.ndarray:
+        """Return the tallies of the drives of a role, [drive, tally]."""
+        return self.field_tally[[drive.role == role for drive in self.drives]]
+
+    def warnings(self) -> tuple[str, ...]:
+        """Return what a user should know of the inputs, one line each."""
+        early = [drive.id for drive in self.case.drives if drive.depart_s < self.parts.scenario.warmup_s]
+        own = [f"case.toml: drives that depart within the warm-up: {', '.join(early)}."] if early else []
+        values = [self.scenario.values_of(vtype) for vtype in self.layout.vtypes]
+        if any(one[name] != values[0][name] for one in values for name in self.layout.attributes):
+            own.append("case.toml: behaviour.vtypes differ in the scenario; all get the same calibrated values.")
+        if self.template.distant_vtypes:
+            own.append(
+                "case.toml: behaviour.distant_vtypes: in plain SUMO nobody changes over, so not in RUN/scenario."
+            )
+        own += self.range_warnings
+        own += replay_warnings(self.case) if self.parts.subject.model.name == REPLAY else []
+        own += coverage_warnings(self.drives, self.scenario.network.length_m)
+        return (*own, *self.scenario.warnings, *(line for drive in self.drives for line in drive.warnings))
+
+
+def read_problem(folder: Path | str, *, as_stated: bool = False) -> CalibrationProblem:
+    """Read a case, its scenario and its logs, and measure the field.
+
+    Args:
+        folder: the case's folder.
+        as_stated: take the sensors' range as the case states it, even where the logs end well before.
+
+    Raises:
+        CaseError: something in them is wrong; one line says what.
+    """
+    case = read_case(folder)
+    parts = require_scenario(case)
+    try:
+        scenario = read_scenario(
+            parts.scenario.config_file, case.folder, parts.subject.vehicle, parts.scenario.duration_s
+        )
+        layout = _layout(parts)
+        check_models(scenario, parts)
+        check_clock(scenario, parts, FRAME_INTERVAL_S)
+        drives = read_drives(case, scenario.row_map)
+        stated = case.perception
+        if not as_stated:
+            case = dataclasses.replace(case, perception=seen_perception(drives_to_fit(drives), stated))
+        sensor = case.perception
+        drives = tuple(dataclasses.replace(drive, ahead_m=sensor.ahead_m, behind_m=sensor.behind_m) for drive in drives)
+        reach_m, distant = (sensor.ahead_m, sensor.behind_m), parts.behaviour.distant_vtypes
+        template = build_template(scenario, layout, parts.subject.model, reach_m, distant)
+    except ScenarioError as error:
+        raise CaseError(error.file, "", error.message) from None
+    if parts.subject.model.name == REPLAY:
+        template = dataclasses.replace(template, logged_drives=_logged_drives(case, drives, parts))
+    tally = drive_tally(_measure_settings(case, observe_road(scenario), drives))
+    check_inflows(template)
+    longest_s = max(parts.scenario.duration_s - drive.depart_s for drive in case.drives)
+    num_frames = FRAMES_STEP * int(np.ceil((longest_s / FRAME_INTERVAL_S + 2) / FRAMES_STEP))
+    fold = WholeDriveFold(tally, num_frames)
+    field_tally, is_seen = [], []
+    for drive in drives:  # one after the other: frames of all together would fill the memory
+        frames = drive.frames(FRAME_INTERVAL_S)
+        field_tally.append(fold(frames))
+        is_seen.append(bool(np.any(frames.valid)))
+    check_drives(case, drives, is_seen, FRAME_INTERVAL_S)
+    return CalibrationProblem(
+        case=case,
+        parts=parts,
+        scenario=scenario,
+        template=template,
+        tally=tally,
+        fold=fold,
+        measures=all_measures(tally.settings),
+        drives=drives,
+        field_tally=np.stack(field_tally),
+        range_warnings=range_warnings(stated, sensor),
+    )
+
+
+def drives_to_fit(drives: Sequence[DriveLog]) -> tuple[DriveLog, ...]:
+    """Return the drives that a calibration may use."""
+    return tuple(drive for drive in drives if drive.role == "fit")
+
+
+def _logged_drives(case: Case, drives: tuple[DriveLog, ...], parts: ScenarioParts) -> tuple[LoggedDrive, ...]:
+    """Return the drives on the clock of the simulators, gaps of their logs bridged."""
+    logged = []
+    for drive, log in zip(case.drives, drives, strict=True):
+        even = log.on_clock(FRAME_INTERVAL_S)
+        subject, valid = even.subject, np.asarray(even.valid)
+        columns = (subject.time_s, subject.position_m, subject.speed_mps, subject.row)
+        time_s, position_m, speed_mps, row = (column[valid] for column in columns)
+        try:
+            logged.append(resample(drive.depart_s, time_s, position_m, speed_mps, row, parts.scenario.step_s))
+        except ValueError as error:
+            raise CaseError(drive.subject_file, "", f"expected a drive that can be replayed: {error}") from None
+    return tuple(logged)
+
+
+def _layout(parts: ScenarioParts) -> ParameterLayout:
+    model = parts.behaviour.car_following
+    if model not in RANGES:
+        known = ", ".join(RANGES)
+        raise CaseError(FILE_NAME, "behaviour.car_following", f"expected one of {known}, got {quote(model)}.")
+    return ParameterLayout(
+        input_ids=tuple(entrance.id for entrance in parts.inputs),
+        input_flows=tuple(entrance.flows for entrance in parts.inputs),
+        vtypes=parts.behaviour.vtypes,
+        attributes=behaviour_parameters(FILE_NAME, model, parts.behaviour.parameters),
+    )
+
+
+def _measure_settings(case: Case, road: ObservedRoad, drives: tuple[DriveLog, ...]) -> MeasureSettings:
+    most_tracks = max([len(np.unique(drive.objects.track)) for drive in drives] or [0])
+    sensor = case.perception
+    return MeasureSettings(
+        road=road,
+        nominal_length_m=jnp.asarray(sensor.nominal_length_m, jnp.float32),
+        least_speed_mps=jnp.asarray(LEAST_SPEED_MPS, jnp.float32),
+        longest_headway_s=jnp.asarray(LONGEST_HEADWAY_S, jnp.float32),
+        num_tracks=FRAMES_STEP * int(np.ceil((SPARE_TRACKS * most_tracks + 2) / FRAMES_STEP)),
+        num_target_gap_classes=num_target_gap_classes(sensor.ahead_m, sensor.behind_m, sensor.nominal_length_m),
+    )

@@ -1,0 +1,1 @@
+"""What every long work needs: RUN folder, journal of runs, seeds, progress, stopwatch, provenance."""

@@ -1,0 +1,1 @@
+"""The surrogate as an engine: batches of runs, compiled programs kept in files."""

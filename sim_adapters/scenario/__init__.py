@@ -1,0 +1,1 @@
+"""SUMO scenarios: read, and written back with other values."""

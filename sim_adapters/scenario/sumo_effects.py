@@ -1,0 +1,254 @@
+"""Unmodelled effects by SUMO's own means: vType attributes, vType distributions, options, lists of departures.
+
+SUMO runs by itself: nothing is told a vehicle on the way, since that alone would change its accelerations. Effects that
+SUMO has no such means for are not in `EXPRESSIBLE`; effects of a sensor act on frames, whoever made them
+(`surrogate.effects`). Models and units are those of `surrogate/effects/`.
+"""
+
+import xml.etree.ElementTree as ET
+from collections.abc import Callable, Mapping, Sequence
+from copy import deepcopy
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from sim_adapters.scenario.scenario import Scenario
+from sim_adapters.scenario.sumo_names import attribute_values
+from surrogate.effects.base import EffectSetting
+from surrogate.effects.driver_heterogeneity import SPEED_SHARE
+from surrogate.effects.heavy_vehicles import (
+    ACCELERATION_FACTOR,
+    DECELERATION_FACTOR,
+    LENGTH_M,
+    TIME_GAP_FACTOR,
+    TOP_SPEED_MPS,
+)
+from surrogate.effects.memory import MEMORY
+from surrogate.effects.platooned_arrivals import HEADWAY_S, REGULAR_SHARE, SIZE
+
+NUM_TYPES = 40  # of drivers who differ
+# What a driver's time gap, acceleration and deceleration are called, by car-following model.
+HABITS = {
+    "IDM": ("tau", "accel", "decel"),
+    "Krauss": ("tau", "accel", "decel"),
+    "W99": ("cc1", "cc8", "decel"),
+}
+
+
+class NotExpressibleError(ValueError):
+    """SUMO has no means for an effect, or not with this scenario's drivers."""
+
+
+@dataclass
+class Draft:
+    """A scenario on its way to files.
+
+    Attributes:
+        scenario: what it is made from.
+        elements: elements of route and additional files, vTypes among them, in the order in which SUMO reads them.
+        processing: options of the configuration.
+        seed: of the run.
+    """
+
+    scenario: Scenario
+    elements: list[ET.Element]
+    seed: int
+    rates_vehps: Mapping[str, float]
+    processing: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def background(self) -> tuple[str, ...]:
+        """The vTypes of background traffic."""
+        return tuple(dict.fromkeys(flow.vtype for flow in self.scenario.flows))
+
+    def vtypes(self, names: Sequence[str]) -> list[ET.Element]:
+        """Return the elements of vTypes."""
+        return [one for one in self.elements if one.tag == "vType" and one.get("id") in names]
+
+    def number(self, vtype: ET.Element, attribute: str) -> float:
+        """Return an attribute, SUMO's default included."""
+        model = self.scenario.model_of(vtype.get("id", ""))
+        return attribute_values(dict(vtype.attrib), model)[attribute]
+
+    def divide(self, vtype: ET.Element, parts: Sequence[tuple[float, ET.Element]]) -> None:
+        """Replace a vType by several, each with its share of the vehicles."""
+        name = vtype.get("id", "")
+        together = ET.Element("vTypeDistribution", id=name)
+        together.tail = "\n"
+        for number, (share, part) in enumerate(parts):
+            part.set("id", f"{name}-{number}")
+            part.set("probability", repr(float(share)))
+            together.append(part)
+        self.elements[self.elements.index(vtype)] = together
+
+
+Express = Callable[[Draft, EffectSetting], None]
+
+
+def put_into(draft: Draft, effects: Mapping[str, EffectSetting]) -> None:
+    """Put effects into a scenario.
+
+    Raises:
+        NotExpressibleError: SUMO has no means for one of them.
+    """
+    for name, setting in effects.items():
+        if name not in EXPRESSIBLE:
+            raise NotExpressibleError(f"SUMO has no means for '{name}'; it has for {', '.join(EXPRESSIBLE)}.")
+        if setting.strength != 0.0:
+            # numbers of NumPy are written in a way that SUMO does not read
+            EXPRESSIBLE[name](draft, replace(setting, strength=float(setting.strength)))
+
+
+def is_expressible(scenario: Scenario, name: str) -> bool:
+    """Return whether SUMO has means for an effect with the drivers of a scenario."""
+    if name == "memory":
+        return all(scenario.model_of(flow.vtype) == "IDM" for flow in scenario.flows)
+    return name in EXPRESSIBLE
+
+
+def _act_at_intervals(draft: Draft, names: Sequence[str], interval_s: float) -> None:
+    step_s = draft.scenario.configuration.step_s
+    for vtype in draft.vtypes(names):
+        vtype.set("actionStepLength", f"{max(1, round(interval_s / step_s)) * step_s:.6g}")
+
+
+def _reaction_delay(draft: Draft, setting: EffectSetting) -> None:
+    _act_at_intervals(draft, draft.background, setting.strength)
+
+
+def _subject_actuation_lag(draft: Draft, setting: EffectSetting) -> None:
+    _act_at_intervals(draft, (draft.scenario.demand.subject_vtype,), setting.strength)
+
+
+def _acceleration_noise(draft: Draft, setting: EffectSetting) -> None:
+    for vtype in draft.vtypes(draft.background):
+        ET.SubElement(vtype, "param", key="has.driverstate.device", value="true")
+        awareness = repr(1.0 - setting.strength)
+        ET.SubElement(vtype, "param", key="device.driverstate.initialAwareness", value=awareness)
+
+
+def _driver_heterogeneity(draft: Draft, setting: EffectSetting) -> None:
+    random = np.random.default_rng(draft.seed)
+    for vtype in draft.vtypes(draft.background):
+        names = HABITS[draft.scenario.model_of(vtype.get("id", ""))]
+        spreads = dict.fromkeys(names, setting.strength) | {"speedFactor": SPEED_SHARE * setting.strength}
+        parts = []
+        for _ in range(NUM_TYPES):
+            part = deepcopy(vtype)
+            for attribute, spread in spreads.items():
+                sigma = np.sqrt(np.log1p(spread**2))
+                factor = float(np.exp(sigma * random.standard_normal() - 0.5 * sigma**2))
+                _scale(part, attribute, factor * draft.number(vtype, attribute))
+            parts.append((1.0 / NUM_TYPES, part))
+        draft.divide(vtype, parts)
+
+
+def _memory(draft: Draft, setting: EffectSetting) -> None:
+    given_s = setting.time_constant_s
+    adapt_s = MEMORY.default_time_constant_s if given_s is None else given_s
+    for vtype in draft.vtypes(draft.background):
+        if draft.scenario.model_of(vtype.get("id", "")) != "IDM":
+            raise NotExpressibleError("SUMO has memory for the IDM only (IDMM).")
+        vtype.set("carFollowModel", "IDMM")
+        vtype.set("adaptFactor", repr(1.0 + setting.strength))
+        vtype.set(
+            "adaptTime",
+            repr(adapt_s),
+        )
+
+
+def _cooperative_yielding(draft: Draft, setting: EffectSetting) -> None:
+    for vtype in draft.vtypes(draft.background):
+        for attribute in ("lcCooperative", "lcCooperativeSpeed"):
+            value = draft.number(vtype, attribute)
+            vtype.set(attribute, repr(float(np.clip(value + setting.strength, 0.0, max(value, 1.0)))))
+
+
+def _keep_right(draft: Draft, setting: EffectSetting) -> None:
+    for vtype in draft.vtypes(draft.background):
+        vtype.set("lcKeepRight", repr(draft.number(vtype, "lcKeepRight") + setting.strength))
+
+
+def _lane_change_duration(draft: Draft, setting: EffectSetting) -> None:
+    draft.processing["lanechange.duration"] = repr(setting.strength)
+
+
+def _heavy_vehicles(draft: Draft, setting: EffectSetting) -> None:
+    factors = (TIME_GAP_FACTOR, ACCELERATION_FACTOR, DECELERATION_FACTOR)
+    for vtype in draft.vtypes(draft.background):
+        lorry = deepcopy(vtype)
+        lorry.set("length", repr(LENGTH_M))
+        lorry.set("maxSpeed", repr(min(TOP_SPEED_MPS, draft.number(vtype, "maxSpeed"))))
+        habits = HABITS[draft.scenario.model_of(vtype.get("id", ""))]
+        for attribute, factor in zip(habits, factors, strict=True):
+            lorry.set(attribute, repr(factor * draft.number(vtype, attribute)))
+        draft.divide(vtype, [(1.0 - setting.strength, deepcopy(vtype)), (setting.strength, lorry)])
+
+
+def _platooned_arrivals(draft: Draft, setting: EffectSetting) -> None:
+    """Departures of the mainline as a list: blocks of vehicles, each a platoon or not, at the same mean flow.
+
+    The surrogate's model: the first vehicle of a platoon waits for what the others save.
+    """
+    demand = draft.scenario.demand
+    entrance = demand.subject_route[0]
+    flows = {flow.id: flow for flow in draft.scenario.flows if flow.route[0] == entrance}
+    elements = {one.get("id", ""): one for one in draft.elements if one.tag == "flow" and one.get("id") in flows}
+    rates = np.asarray([draft.rates_vehps[name] for name in elements])
+    num_lanes = len(draft.scenario.network.edge_lanes(entrance))
+    random = np.random.default_rng(draft.seed)
+    total, within_s = rates.sum(), HEADWAY_S / num_lanes
+    within = min(1.0, within_s * total)
+    begin_s = min(flow.begin_s for flow in flows.values())
+    end_s = max(flow.end_s for flow in flows.values())
+    departures, time_s = [], begin_s
+    while time_s < end_s:
+        is_platoon = random.random() < setting.strength
+        gaps = random.exponential(size=SIZE)
+        if is_platoon:
+            gaps[0] *= SIZE - (SIZE - 1) * within
+            gaps[1:] = within * (REGULAR_SHARE + (1.0 - REGULAR_SHARE) * gaps[1:])
+        for gap in gaps:
+            time_s += gap / total
+            departures.append(time_s)
+    names = list(elements)
+    numbers = dict.fromkeys(names, 0)
+    vehicles = []
+    for depart_s in departures:
+        name = names[random.choice(len(names), p=rates / total)]
+        if not flows[name].begin_s <= depart_s < flows[name].end_s:
+            continue
+        vehicle = ET.Element("vehicle", id=f"{name}.{numbers[name]}", depart=f"{depart_s:.3f}")
+        for attribute in ("type", "route", "departLane", "departPos", "departSpeed"):
+            if attribute in elements[name].attrib:
+                vehicle.set(attribute, elements[name].get(attribute, ""))
+        vehicle.tail = "\n"
+        numbers[name] += 1
+        vehicles.append(vehicle)
+    replaced = list(elements.values())
+    others = [one for one in draft.elements if one.tag not in ("vehicle", "trip") and one not in replaced]
+    vehicles += [one for one in draft.elements if one.tag in ("vehicle", "trip")]
+    draft.elements[:] = [*others, *vehicles]
+
+
+def _scale(vtype: ET.Element, attribute: str, value: float) -> None:
+    """Set an attribute; of a bounded desired speed the mean."""
+    old = vtype.get(attribute, "").replace(" ", "")
+    if attribute == "speedFactor" and old.startswith("normc("):
+        vtype.set(attribute, f"normc({value!r},{old.partition(',')[2]}")
+    else:
+        vtype.set(attribute, repr(value))
+
+
+EXPRESSIBLE: dict[str, Express] = {
+    "reaction_delay": _reaction_delay,
+    "acceleration_noise": _acceleration_noise,
+    "driver_heterogeneity": _driver_heterogeneity,
+    "memory": _memory,
+    "cooperative_yielding": _cooperative_yielding,
+    "lane_change_duration": _lane_change_duration,
+    "keep_right": _keep_right,
+    "heavy_vehicles": _heavy_vehicles,
+    "platooned_arrivals": _platooned_arrivals,
+    "subject_actuation_lag": _subject_actuation_lag,
+}

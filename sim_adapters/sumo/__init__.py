@@ -1,0 +1,1 @@
+"""SUMO as an engine: one simulation per worker process."""

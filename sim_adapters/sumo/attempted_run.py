@@ -1,0 +1,66 @@
+"""A run in a worker process that may die: it is tried once more, and then its last words are kept."""
+
+import logging
+import shutil
+from collections.abc import Callable
+from concurrent.futures import Future
+from pathlib import Path
+
+from sim_adapters.sumo.job import SumoRun
+
+log = logging.getLogger(__name__)
+
+TRIES = 2  # a worker that dies is tried once more, on the same seed
+LOG_TAIL_CHARACTERS = 2000
+
+
+class AttemptedRun:
+    """A run that has been started, and that answers one request or several."""
+
+    def __init__(self, start: Callable[[], tuple[Path, Future[SumoRun]]], seed: int, num_answers: int) -> None:
+        """Start the run.
+
+        Args:
+            start: starts it and returns its folder, which is removed after it, and what waits for it.
+            seed: its seed, for the log.
+            num_answers: how often its result is asked for; then it is let go.
+        """
+        self._start, self._seed, self._num_to_answer = start, seed, num_answers
+        self._folder: Path
+        self._future: Future[SumoRun] | None
+        self._folder, self._future = start()
+        self._result: SumoRun | str | None = None
+
+    def result(self) -> SumoRun | str:
+        """Wait for the run and return it; the last words of SUMO where it failed for good."""
+        if self._result is None:
+            self._result = self._made()
+        result = self._result
+        self._num_to_answer -= 1
+        if not self._num_to_answer:
+            self._result = None
+        return result
+
+    def _made(self) -> SumoRun | str:
+        problem = tail = ""
+        for attempt in range(TRIES):
+            if attempt:
+                log.warning("SUMO run with seed %d failed (%s); trying it again", self._seed, problem)
+                self._folder, self._future = self._start()
+            future, self._future = self._future, None  # it would keep the run
+            assert future is not None
+            try:
+                return future.result()
+            except Exception as error:
+                problem = f"{type(error).__name__}: {error}"
+                tail = _log_tail(self._folder)
+            finally:
+                shutil.rmtree(self._folder, ignore_errors=True)
+        return f"{problem}\n{tail}"
+
+
+def _log_tail(folder: Path) -> str:
+    try:
+        return (folder / "errors.log").read_text(encoding="utf-8", errors="replace")[-LOG_TAIL_CHARACTERS:]
+    except OSError:
+        return ""

@@ -1,0 +1,272 @@
+"""SUMO as an engine: one simulation per process, in a pool that outlives workers that die and kills those that hang."""
+
+import multiprocessing
+import os
+import shutil
+import tempfile
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Future
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+from pebble import ProcessPool
+
+from sim_adapters.errors import WorkersEndedError
+from sim_adapters.frame_table import ObjectTable, SubjectTable, stack_frames
+from sim_adapters.interface import ParameterLayout, RunOutcome, RunRequest, Status
+from sim_adapters.scenario.scenario import Scenario
+from sim_adapters.scenario.scenario_writer import write_scenario
+from sim_adapters.shared_runs import departures_s, shared_runs, subject_names
+from sim_adapters.sumo.attempted_run import AttemptedRun
+from sim_adapters.sumo.distant import DistantTypes
+from sim_adapters.sumo.driver import SubjectControl
+from sim_adapters.sumo.job import SumoJob, SumoRun
+from sim_adapters.sumo.worker import begin_worker, run_job
+from surrogate.road.perception import PerceptionFrame
+
+RUNS_PER_WORKER = 200
+RADIUS_MARGIN_M = 15.0  # SUMO's radius is measured from another point of the vehicle than our offsets
+
+
+class FrameFold(Protocol):
+    """Turns the frames of a whole drive into numbers; the same fold that the surrogate runs inside its loop."""
+
+    def __call__(self, frames: PerceptionFrame) -> np.ndarray:
+        """Return the numbers of a drive whose frames are stacked along a leading time axis."""
+        ...
+
+
+class VehicleCounter(Protocol):
+    """Turns the times at which vehicles pass the ends of edges into numbers."""
+
+    @property
+    def edges(self) -> tuple[str, ...]:
+        """Edges at whose end is counted."""
+        ...
+
+    def __call__(self, passed_s: Mapping[str, np.ndarray]) -> np.ndarray:
+        """Return the numbers of a run from the times at each edge."""
+        ...
+
+
+@dataclass(frozen=True)
+class SensorRange:
+    """Range of the subject vehicle's sensors."""
+
+    ahead_m: float
+    behind_m: float
+
+
+class SumoSimulator:
+    """Makes runs in SUMO. Use it as a context manager: workers end with it."""
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        layout: ParameterLayout,
+        fold: FrameFold,
+        sensor: SensorRange,
+        subject_vehicle: str,
+        frame_interval_s: float,
+        end_s: float,
+        num_processes: int | None = None,
+        longest_run_s: float = 1200.0,
+        scratch: Path | None = None,
+        counter: "VehicleCounter | None" = None,
+        control: Callable[[RunRequest], SubjectControl | None] = lambda request: None,
+        distant: DistantTypes | None = None,
+    ) -> None:
+        """Start the pool; workers start with the first run.
+
+        Args:
+            scenario: what to run.
+            layout: meaning of parameter vectors.
+            fold: turns the frames of a drive into numbers.
+            sensor: range of the subject vehicle's sensors.
+            subject_vehicle: its id.
+            frame_interval_s: time between two frames.
+            end_s: when runs end at the latest.
+            num_processes: workers; one for each core unless given.
+            longest_run_s: a run that takes longer is killed.
+            scratch: where files of runs lie while they are made; the system's folder unless given.
+            counter: counts vehicles on the road, up to the end of the run, instead of folding frames.
+            control: how to drive the subject vehicle in a run; SUMO drives it unless given.
+            distant: which vehicles follow by another vType beyond the sensors' range.
+        """
+        self._scenario = scenario
+        self._layout = layout
+        self._fold = fold
+        self._sensor = sensor
+        self._subject_vehicle = subject_vehicle
+        self._frame_interval_s = frame_interval_s
+        self._end_s = end_s
+        self._longest_run_s = longest_run_s
+        self._counter = counter
+        self._control = control
+        self._distant = distant
+        self.num_processes = num_processes or len(os.sched_getaffinity(0))
+        self._scratch = Path(tempfile.mkdtemp(prefix="jaxcalib-", dir=scratch))
+        self._pool = ProcessPool(
+            max_workers=self.num_processes,
+            max_tasks=RUNS_PER_WORKER,
+            context=multiprocessing.get_context("spawn"),
+            initializer=begin_worker,
+        )
+        self._lane_place = _lane_places(scenario)
+        self._entrance_of_flow = {flow.id: scenario.entrances.index(flow.route[0]) for flow in scenario.flows}
+
+    def __enter__(self) -> "SumoSimulator":
+        """Return itself."""
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        """End the workers and remove their files."""
+        self.close()
+
+    def close(self) -> None:
+        """End the workers and remove their files."""
+        self._pool.stop()
+        self._pool.join()
+        shutil.rmtree(self._scratch, ignore_errors=True)
+
+    @property
+    def layout(self) -> ParameterLayout:
+        """Meaning of the parameter vectors."""
+        return self._layout
+
+    def run(self, requests: Sequence[RunRequest]) -> list[RunOutcome]:
+        """Make all runs and return their outcomes in the same order; failures are outcomes, not exceptions."""
+        return [outcome() for outcome in self.submit(requests)]
+
+    def submit(self, requests: Sequence[RunRequest]) -> Iterator[Callable[[], RunOutcome]]:
+        """Start runs in the background and return, for each, what waits for its outcome."""
+        waiting: dict[int, Callable[[], RunOutcome]] = {}
+        for numbers in shared_runs(requests):
+            first = requests[numbers[0]]
+            attempted = AttemptedRun(partial(self.start, first), first.seed, len(numbers))
+            waiting |= {number: partial(self._answer, attempted, requests[number], len(numbers)) for number in numbers}
+        return iter([waiting[number] for number in range(len(requests))])
+
+    def _answer(self, attempted: AttemptedRun, request: RunRequest, num_sharing: int) -> RunOutcome:
+        result = attempted.result()
+        if isinstance(result, str):
+            return self.failure_of(request, result)
+        return self.outcome_of(request, result, num_sharing)
+
+    def start(self, request: RunRequest) -> tuple[Path, Future[SumoRun]]:
+        """Write a run's files and hand it to the pool.
+
+        Raises:
+            ValueError: several subject vehicles, but SUMO alone does not drive them.
+            WorkersEndedError: workers die at their start.
+        """
+        departs_s, control = departures_s(request), self._control(request)
+        if len(departs_s) > 1 and (control is not None or self._distant is not None):
+            raise ValueError("Expected one subject vehicle where SUMO is told how it, or who is far from it, drives.")
+        folder = Path(tempfile.mkdtemp(prefix="run-", dir=self._scratch))
+        written = write_scenario(
+            self._scenario, self._layout, request.values, departs_s, self._subject_vehicle, folder, "run",
+            effects=request.effects, seed=request.seed,
+        )  # fmt: skip
+        job = SumoJob(
+            config=written.config,
+            folder=folder,
+            seed=request.seed,
+            subject_vehicles=subject_names(self._subject_vehicle, departs_s),
+            end_s=self._end_s,
+            radius_m=max(self._sensor.ahead_m, self._sensor.behind_m) + RADIUS_MARGIN_M,
+            frame_interval_s=self._frame_interval_s,
+            lane_place=self._lane_place,
+            entrance_of_flow=self._entrance_of_flow,
+            num_entrances=len(self._scenario.entrances),
+            counted_edges=self._counter.edges if self._counter else (),
+            control=control,
+            distant=self._distant,
+        )
+        try:
+            return folder, self._pool.schedule(run_job, args=(job,), timeout=self._longest_run_s)
+        except RuntimeError as error:  # of a pool whose workers have all died at their start
+            raise WorkersEndedError from error
+
+    def outcome_of(self, request: RunRequest, run: SumoRun, num_sharing: int = 1) -> RunOutcome:
+        """Return the outcome of a run that came to its end.
+
+        Args:
+            request: what was asked of it.
+            run: what is left of it.
+            num_sharing: requests that it answers.
+        """
+        status, observed = Status.OK, None
+        subject = departures_s(request).index(request.depart_s)
+        if self._counter is not None:
+            observed = self._counter(run.passed_s)
+        elif not np.any(run.vehicle == -1 - subject):
+            status = Status.SUBJECT_MISSING
+        else:
+            observed = np.asarray(self._fold(self.frames_of(run, subject)))
+            status = Status.OK if np.isfinite(observed).all() else Status.NONFINITE
+        return RunOutcome(
+            request=request,
+            status=status,
+            observed=observed if status.is_ok else None,
+            num_arrived=run.num_arrived,
+            num_inserted=run.num_inserted,
+            num_collisions=run.num_collisions,
+            num_subject_overlaps=run.num_subject_overlaps,
+            num_teleports=run.num_teleports,
+            num_vehicle_steps=run.num_vehicle_steps,
+            subject_left=run.subject_left[subject],
+            wall_s=run.wall_s / num_sharing,
+        )
+
+    def failure_of(self, request: RunRequest, log_tail: str) -> RunOutcome:
+        """Return the outcome of a run that failed for good."""
+        none = np.zeros(len(self._scenario.entrances), int)
+        return RunOutcome(
+            request=request,
+            status=Status.FAILED,
+            observed=None,
+            num_arrived=none,
+            num_inserted=none,
+            num_collisions=0,
+            subject_left=False,
+            log_tail=log_tail,
+        )
+
+    def frames_of(self, run: SumoRun, number: int = 0) -> PerceptionFrame:
+        """Return what a subject vehicle, the first unless told, detected in a run; others are vehicles like any."""
+        is_subject = run.vehicle == -1 - number
+        subject = SubjectTable(
+            time_s=run.time_s[is_subject],
+            position_m=run.position_m[is_subject],
+            speed_mps=run.speed_mps[is_subject],
+            acceleration_mps2=run.acceleration_mps2[is_subject],
+            row=run.row[is_subject],
+            lateral_m=run.lateral_m[is_subject],
+            num_lanes=np.zeros(int(is_subject.sum())),
+        )
+        is_there = ~is_subject & np.isin(run.time_s, subject.time_s)
+        instant = np.searchsorted(subject.time_s, run.time_s[is_there])
+        objects = ObjectTable(
+            instant=instant,
+            track=np.where(run.vehicle < 0, run.vehicle.max(initial=0) - run.vehicle, run.vehicle)[is_there],
+            row=run.row[is_there],
+            offset_m=run.position_m[is_there] - subject.position_m[instant],
+            speed_mps=run.speed_mps[is_there],
+            lateral_m=run.lateral_m[is_there],
+        )
+        return stack_frames(subject, objects, self._sensor.ahead_m, self._sensor.behind_m)
+
+
+def _lane_places(scenario: Scenario) -> dict[str, tuple[int, float, bool]]:
+    """Return row, begin on the route's axis, and whether it is carriageway, of each lane and junction lane."""
+    network, rows = scenario.network, scenario.row_map.row_of_lane
+    places = {}
+    for (edge, index), lane in network.lanes.items():
+        places[f"{edge}_{index}"] = (rows[(edge, index)], lane.start_m, edge in network.main_edges)
+    for name, (before, start_m) in network.junction_lanes.items():
+        places[name] = (rows[before], start_m, before[0] in network.main_edges)
+    return places

@@ -1,0 +1,1 @@
+"""From a scenario and a parameter vector to the surrogate's world."""

@@ -1,0 +1,292 @@
+"""Turns a scenario and a parameter vector into the surrogate's `World`; works on traced values."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from sim_adapters.errors import ScenarioError
+from sim_adapters.interface import ParameterLayout
+from sim_adapters.scenario.best_lanes import LOOK_AHEAD_M, best_lanes
+from sim_adapters.scenario.road_builder import build_road
+from sim_adapters.scenario.scenario import Scenario
+from sim_adapters.scenario.sumo_names import vehicle_class, with_attribute
+from sim_adapters.units import SECONDS_PER_HOUR
+from sim_adapters.world.distant_vtypes import check_distant_vtypes
+from sim_adapters.world.logged_drive import LoggedDrive, replay_of
+from surrogate.effects.apply import NUM_CLASSES_OF_EFFECTS, classes_with_effects, true_inputs
+from surrogate.effects.settings import Effects
+from surrogate.inflow.inflow import Inflow, SubjectPlan
+from surrogate.loop.distant import DistantDrivers, distant_class
+from surrogate.loop.world import World
+from surrogate.road.road import Road
+from surrogate.subject.logged_drive import Replay
+from surrogate.subject.planner import Planner
+from surrogate.subject.registry import REPLAY, SubjectModel
+from surrogate.vehicle.vehicle_class import VehicleClass
+
+SMALLEST_FLOW_VEHPS = 1e-9
+
+
+@dataclass(frozen=True)
+class WorldTemplate:
+    """What all worlds of one scenario share.
+
+    Attributes:
+        layout: meaning of parameter vectors.
+        road: geometry.
+        lane_row: rows of each entrance's lanes.
+        serves: which lanes of an entrance serve a destination.
+        edge_m: begin and end of each entrance's edge.
+        window_s: begin and end of each entrance's flows.
+        is_regular: whether vehicles come evenly.
+        flow_rate_vehps: rate of each flow as the scenario has it, [entrance, flow]; 0 where there is none.
+        flow_input: input that scales each flow; the number of inputs where none does.
+        flow_destination: destination of each flow.
+        flow_class: class of each flow.
+        class_names: vTypes in the order of the classes: of the flows, of distant vehicles, of the subject vehicle.
+        class_models: their car-following models.
+        class_values: their attributes.
+        subject_entrance: entrance of the subject vehicle.
+        subject_destination: its destination.
+        subject_model: who drives it.
+        sensor_range_m: how far it sees ahead and behind; its planner knows no more.
+        logged_drives: what it replays, if it does; put in with `dataclasses.replace`.
+        distant_vtypes: vType as which each of these vTypes follows beyond the sensors' range.
+    """
+
+    layout: ParameterLayout
+    road: Road
+    lane_row: np.ndarray
+    serves: np.ndarray
+    edge_m: np.ndarray
+    window_s: np.ndarray
+    is_regular: np.ndarray
+    flow_rate_vehps: np.ndarray
+    flow_input: np.ndarray
+    flow_destination: np.ndarray
+    flow_class: np.ndarray
+    class_names: tuple[str, ...]
+    class_models: tuple[str, ...]
+    class_values: tuple[dict[str, float], ...]
+    subject_entrance: int
+    subject_destination: int
+    subject_model: SubjectModel = field(default_factory=SubjectModel)
+    sensor_range_m: tuple[float, float] = (150.0, 150.0)
+    logged_drives: tuple[LoggedDrive, ...] = ()
+    distant_vtypes: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def can_share_runs(self) -> bool:
+        """Whether several subject vehicles may drive in one run: where all vehicles follow their vTypes' models."""
+        return not self.subject_model.is_controlled and not self.distant_vtypes
+
+    def base_demand_vehph(self) -> np.ndarray:
+        """Return the demand of each input as the scenario has it."""
+        demand = np.zeros(self.layout.num_inputs + 1)
+        np.add.at(demand, self.flow_input, self.flow_rate_vehps * SECONDS_PER_HOUR)
+        return demand[:-1]
+
+    def base_values(self) -> np.ndarray:
+        """Return the parameter vector that means the scenario as it is."""
+        behaviour = [self._base_attribute(attribute) for attribute in self.layout.attributes]
+        return np.concatenate([self.base_demand_vehph(), behaviour])
+
+    def _base_attribute(self, attribute: str) -> float:
+        vtype = self.layout.vtypes[0]
+        return self.class_values[self.class_names.index(vtype)][attribute]
+
+    def world(
+        self,
+        values: Float[Array, " parameter"],
+        seed: Int[Array, ""],
+        depart_s: Float[Array, "*subject"],
+        effects: Effects | None = None,
+    ) -> World:
+        """Return the world of one run.
+
+        Args:
+            values: parameter vector in the order of the layout.
+            seed: seed of the run.
+            depart_s: when the subject vehicle departs, or each of several; see `SubjectPlan`.
+            effects: what the baseline lacks; None for the baseline.
+        """
+        num_inputs = self.layout.num_inputs
+        inputs = values[:num_inputs] if effects is None else true_inputs(effects, values[:num_inputs])
+        classes = self._classes(values[num_inputs:])
+        if effects is not None:
+            classes = classes_with_effects(classes, effects)
+        base = jnp.asarray(np.append(np.maximum(self.base_demand_vehph(), 1e-9), 1.0), jnp.float32)
+        scale = jnp.append(inputs, 1.0) / base
+        rate = jnp.asarray(self.flow_rate_vehps, jnp.float32) * scale[self.flow_input]
+        demand = jnp.sum(rate, axis=1)
+        share = jnp.cumsum(rate, axis=1) / jnp.maximum(demand, SMALLEST_FLOW_VEHPS)[:, None]
+        inflow = Inflow(
+            lane_row=jnp.asarray(self.lane_row, jnp.int32),
+            start_m=jnp.asarray(self.edge_m[:, 0], jnp.float32),
+            end_m=jnp.asarray(self.edge_m[:, 1], jnp.float32),
+            serves=jnp.asarray(self.serves),
+            is_regular=jnp.asarray(self.is_regular),
+            flow_share=share,
+            flow_destination=jnp.asarray(self.flow_destination, jnp.int32),
+            flow_class=jnp.asarray(self.flow_class, jnp.int32),
+            begin_s=jnp.asarray(self.window_s[:, 0], jnp.float32),
+            end_s=jnp.asarray(self.window_s[:, 1], jnp.float32),
+        )
+        return World(
+            road=self.road,
+            inflow=inflow,
+            classes=classes,
+            demand_vehps=demand,
+            subject=SubjectPlan(
+                depart_s=depart_s,
+                entrance=self.subject_entrance,
+                destination=self.subject_destination,
+                vehicle_class=len(classes) - 1,
+            ),
+            seed=seed,
+            effects=effects,
+            driver=self._driver(depart_s, seed),
+            distant=self._distant(),
+        )
+
+    def _distant(self) -> DistantDrivers | None:
+        if not self.distant_vtypes:
+            return None
+        near = tuple(self.class_names.index(name) for name in self.distant_vtypes)
+        distant = tuple(self.class_names.index(name) for name in self.distant_vtypes.values())
+        return DistantDrivers(near, distant, *self.sensor_range_m)
+
+    def _driver(self, depart_s: Float[Array, ""], seed: Int[Array, ""]) -> Planner | Replay | None:
+        if self.subject_model.name == REPLAY:
+            return replay_of(self.logged_drives, depart_s, seed)
+        return self.subject_model.planner(*self.sensor_range_m)
+
+    def batch_axes(self, has_effects: bool = False) -> World:
+        """Return a world with 0 for each leaf that differs between runs and None for those that all runs share."""
+        shared = dict.fromkeys(Inflow.__dataclass_fields__)
+        subject = SubjectPlan(
+            depart_s=0,  # pyright: ignore[reportArgumentType]
+            entrance=self.subject_entrance,
+            destination=self.subject_destination,
+            vehicle_class=len(self.class_names) - 1 + (NUM_CLASSES_OF_EFFECTS if has_effects else 0),
+        )
+        inflow = Inflow(**(shared | {"flow_share": 0}))  # pyright: ignore[reportArgumentType]
+        effects = 0 if has_effects else None
+        driver = Replay(None, None, None, None, None, log=0) if self.subject_model.name == REPLAY else None  # pyright: ignore
+        return World(None, inflow, 0, 0, subject, 0, effects, driver, self._distant())  # pyright: ignore[reportArgumentType]
+
+    def _classes(self, behaviour: Float[Array, " parameter"]) -> tuple[VehicleClass, ...]:
+        classes = []
+        for name, model, values in zip(self.class_names, self.class_models, self.class_values, strict=True):
+            one = vehicle_class(values, model)
+            is_subject = len(classes) == len(self.class_names) - 1
+            if name in self.layout.vtypes and not is_subject:
+                for index, attribute in enumerate(self.layout.attributes):
+                    one = with_attribute(one, model, attribute, behaviour[index])
+            classes.append(self.subject_model.vehicle_class(one) if is_subject else one)
+        for near, distant in self.distant_vtypes.items():
+            place = self.class_names.index(distant)
+            classes[place] = distant_class(classes[self.class_names.index(near)], classes[place])
+        return tuple(classes)
+
+
+def build_template(
+    scenario: Scenario,
+    layout: ParameterLayout,
+    subject_model: SubjectModel | None = None,
+    sensor_range_m: tuple[float, float] = (150.0, 150.0),
+    distant_vtypes: Mapping[str, str] | None = None,
+) -> WorldTemplate:
+    """Return what all worlds of a scenario share.
+
+    Args:
+        scenario: road and traffic.
+        layout: meaning of parameter vectors.
+        subject_model: who drives the subject vehicle; its vType unless given.
+        sensor_range_m: how far it sees ahead and behind.
+        distant_vtypes: vType as which each of these vTypes follows beyond that; see `surrogate/loop/distant.py`.
+
+    Raises:
+        UnknownModelError: there is no such subject model or parameter.
+        ParameterRangeError: a parameter of it is out of range.
+        ScenarioError: an input names a flow that the scenario lacks, a vType is missing, or distant vehicles cannot be
+            of it.
+    """
+    subject_model = subject_model or SubjectModel()
+    subject_model.check()
+    known = scenario.flow_by_id
+    for name, flows in zip(layout.input_ids, layout.input_flows, strict=True):
+        for flow in flows:
+            if flow not in known:
+                raise ScenarioError(
+                    scenario.demand.file, f"input '{name}': expected a <flow id='{flow}'>; there is none."
+                )
+    for vtype in layout.vtypes:
+        if vtype not in scenario.demand.vtypes:
+            raise ScenarioError(scenario.demand.file, f"expected a <vType id='{vtype}'>; there is none.")
+    input_of = {flow: i for i, flows in enumerate(layout.input_flows) for flow in flows}
+    names = list(dict.fromkeys(flow.vtype for flow in scenario.flows))
+    distant_vtypes = dict(distant_vtypes or {})
+    check_distant_vtypes(scenario, distant_vtypes)
+    names += distant_vtypes.values()
+    names.append(scenario.demand.subject_vtype)
+    by_entrance = [[flow for flow in scenario.flows if flow.route[0] == edge] for edge in scenario.entrances]
+    most = max(1, *(len(flows) for flows in by_entrance))
+    shape = (len(scenario.entrances), most)
+    rate, chosen_input = np.zeros(shape), np.full(shape, layout.num_inputs)
+    destination, vehicle_classes = np.zeros(shape, int), np.zeros(shape, int)
+    window = np.tile([0.0, 1e9], (shape[0], 1))
+    for e, flows in enumerate(by_entrance):
+        for f, flow in enumerate(flows):
+            rate[e, f] = flow.rate_vehps
+            chosen_input[e, f] = input_of.get(flow.id, layout.num_inputs)
+            destination[e, f] = scenario.destinations.index(flow.route[-1])
+            vehicle_classes[e, f] = names.index(flow.vtype)
+            window[e] = flow.begin_s, flow.end_s
+    lane_row, serves, edge_m = _entrance_tables(scenario)
+    return WorldTemplate(
+        layout=layout,
+        road=build_road(scenario.row_map, scenario.destination_routes),
+        lane_row=lane_row,
+        serves=serves,
+        edge_m=edge_m,
+        window_s=window,
+        is_regular=np.asarray([bool(flows) and all(flow.is_regular for flow in flows) for flows in by_entrance]),
+        flow_rate_vehps=rate,
+        flow_input=chosen_input,
+        flow_destination=destination,
+        flow_class=vehicle_classes,
+        class_names=tuple(names),
+        class_models=tuple(scenario.model_of(name) for name in names),
+        class_values=tuple(scenario.values_of(name) for name in names),
+        subject_entrance=0,
+        subject_destination=0,
+        subject_model=subject_model,
+        sensor_range_m=sensor_range_m,
+        distant_vtypes=distant_vtypes,
+    )
+
+
+def _entrance_tables(scenario: Scenario) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return rows of the lanes, which lanes serve which destination, and begin and end of each entrance's edge."""
+    network = scenario.network
+    most = max(network.lane_count[edge] for edge in scenario.entrances)
+    lane_row = np.full((len(scenario.entrances), most), -1)
+    serves = np.zeros((len(scenario.entrances), len(scenario.destinations), most), bool)
+    edge_m = np.zeros((len(scenario.entrances), 2))
+    routes = [flow.route for flow in scenario.flows] + [scenario.demand.subject_route]
+    for e, edge in enumerate(scenario.entrances):
+        edge_m[e] = network.edge_start_m(edge), network.edge_end_m(edge)
+        for lane in range(network.lane_count[edge]):
+            lane_row[e, lane] = scenario.row_map.row_of_lane[(edge, lane)]
+        for d, destination in enumerate(scenario.destinations):
+            route = next((r for r in routes if r[0] == edge and r[-1] == destination), None)
+            if route is None:
+                continue
+            lengths = [outlook.length_m for outlook in best_lanes(network, route)]
+            enough = min(LOOK_AHEAD_M, max(lengths)) - 1e-6
+            serves[e, d, : len(lengths)] = [length >= enough for length in lengths]
+    return lane_row, serves, edge_m

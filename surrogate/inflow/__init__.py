@@ -1,0 +1,1 @@
+"""Who enters where and when."""

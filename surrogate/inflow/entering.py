@@ -1,0 +1,183 @@
+"""Who enters now: the first in each queue, on the lane with most room, as close behind its last vehicle as is safe.
+
+Source for the rules: SUMO's departLane="best" (the lane with most room before its last vehicle), departPos="last"
+(behind that vehicle, no closer than its secure gap) and departSpeed="avg" (mean speed on the lane),
+`MSEdge::getFreeLane`, `MSLane::lastInsertion`.
+"""
+
+import equinox as eqx
+import jax.numpy as jnp
+from jax.scipy.special import ndtri
+from jaxtyping import Array, Bool, Float, Int
+
+from surrogate.effects.apply import true_newcomers, with_memories
+from surrogate.effects.base import Newcomers
+from surrogate.effects.settings import Effects
+from surrogate.inflow.inflow import ENTRANCE_STRIDE, Inflow, Queues, SubjectPlan, subject_identity
+from surrogate.keyed_random import Purpose, uniform
+from surrogate.road.neighbours import entry_ahead
+from surrogate.road.road import Road
+from surrogate.road.traffic_state import UNSEEN, TrafficState, VehicleArrays
+from surrogate.vehicle.vehicle_class import CarFollowingMix, VehicleClass, select_by_class
+from surrogate.xla.gather import take
+
+SMALLEST_GAP_M = 0.1  # SUMO's POSITION_EPS
+SPEED_FACTOR_BOUNDS = (0.2, 2.0)  # SUMO's defaults for normc
+
+
+class Entrants(eqx.Module):
+    """Candidates to enter at one decision, one per lane of each entrance.
+
+    Attributes:
+        vehicles: the candidates.
+        entry_ahead: entry behind which each goes.
+        enters: whether there is one and it has room.
+        rank: place in the queue.
+        is_subject: whether it is the subject vehicle.
+    """
+
+    vehicles: VehicleArrays
+    entry_ahead: Int[Array, "entrance lane"]
+    enters: Bool[Array, "entrance lane"]
+    rank: Int[Array, "entrance lane"]
+    is_subject: Bool[Array, "entrance lane"]
+
+
+def entrants(
+    state: TrafficState,
+    queues: Queues,
+    road: Road,
+    inflow: Inflow,
+    classes: tuple[VehicleClass, ...],
+    subject: SubjectPlan,
+    seed: Int[Array, ""],
+    now_s: Float[Array, ""],
+    step_s: float,
+    effects: Effects | None = None,
+) -> Entrants:
+    """Return who may enter now: each in the queue on the lane with most room of those that serve it and are left."""
+    vehicles = state.vehicles
+    num_entrances, num_lanes = inflow.lane_row.shape
+    rank = jnp.broadcast_to(jnp.arange(num_lanes, dtype=jnp.int32), (num_entrances, num_lanes))
+    waits_subject, which_subject = subject.waiting(state.subject_inserted, now_s)
+    at_subject_entrance = jnp.arange(num_entrances) == subject.entrance
+    subject_first = (at_subject_entrance & waits_subject)[:, None]
+    is_subject = subject_first & (rank == 0)
+    arrival = state.num_inserted[:, None] + rank - subject_first
+    is_waiting = (arrival < queues.num_arrived[:, None]) | is_subject
+
+    entrance = jnp.broadcast_to(jnp.arange(num_entrances, dtype=jnp.int32)[:, None], rank.shape)
+    subject_key = subject_identity(num_entrances) + which_subject
+    identity = jnp.where(is_subject, subject_key, entrance * ENTRANCE_STRIDE + arrival)
+    flow = _draw(inflow.flow_share, seed, identity, Purpose.FLOW)
+    vehicle_class = jnp.take_along_axis(inflow.flow_class, flow, axis=1)
+    vehicle_class = jnp.where(is_subject, subject.vehicle_class, vehicle_class)
+    destination = jnp.take_along_axis(inflow.flow_destination, flow, axis=1)
+    destination = jnp.where(is_subject, subject.destination, destination)
+    speed_factor = _speed_factor(classes, vehicle_class, seed, identity)
+    if effects is not None:
+        true = true_newcomers(effects, Newcomers(identity, vehicle_class, speed_factor, is_subject), classes, seed)
+        vehicle_class, speed_factor = true.vehicle_class, true.speed_factor
+
+    lane_start_m = jnp.broadcast_to(inflow.start_m[:, None], rank.shape)
+    lane_end_m = jnp.broadcast_to(inflow.end_m[:, None], rank.shape)
+    lane_row = jnp.maximum(inflow.lane_row, 0)
+    lane_last = entry_ahead(lane_start_m, lane_row, vehicles.position_m, state.head)
+    lane_last_m = take(vehicles.position_m, lane_last)
+    is_occupied = (take(vehicles.vehicle_class, lane_last) >= 0) & (lane_last_m <= lane_end_m)
+    room_m = jnp.where(is_occupied, lane_last_m, lane_end_m) - lane_start_m
+    lane, is_served = _choose_lanes(room_m, inflow, destination)
+
+    row = jnp.take_along_axis(lane_row, lane, axis=1)
+    last = jnp.take_along_axis(lane_last, lane, axis=1)
+    start_m, end_m = lane_start_m, lane_end_m
+    last_class, last_m, last_mps = (
+        take(values, last) for values in (vehicles.vehicle_class, vehicles.position_m, vehicles.speed_mps)
+    )
+    has_last = last_class >= 0
+
+    # where and how fast
+    limit = take(road.speed_limit_mps.reshape(-1), row * road.num_segments + road.segment_at(start_m))
+    top = select_by_class([c.max_speed_mps for c in classes], vehicle_class)
+    desired_mps = jnp.minimum(speed_factor * limit, top)
+    speed = jnp.minimum(desired_mps, jnp.where(has_last & (last_m <= end_m), last_mps, limit))
+    model = CarFollowingMix(tuple(c.car_following for c in classes), vehicle_class)
+    models_ahead = CarFollowingMix(model.models, last_class)
+    needed_m = model.secure_gap_m(speed, last_mps, models_ahead.field("max_deceleration_mps2"), step_s)
+    needed_m = needed_m + model.field("jam_gap_m") + SMALLEST_GAP_M
+    rear_m = last_m - select_by_class([c.length_m for c in classes], last_class)
+    latest_m = end_m - SMALLEST_GAP_M
+    position = jnp.where(has_last, jnp.minimum(latest_m, rear_m - needed_m), latest_m)
+    enters = is_waiting & is_served & (position >= start_m)
+    enters = jnp.cumsum(~enters, axis=1) == 0  # nobody overtakes in the queue
+
+    zero = jnp.zeros((num_entrances * num_lanes,), jnp.float32)
+    newcomers = VehicleArrays(
+        position_m=position.reshape(-1),
+        speed_mps=speed.reshape(-1),
+        acceleration_mps2=zero,
+        row=row.reshape(-1),
+        vehicle_class=vehicle_class.reshape(-1),
+        destination=destination.reshape(-1),
+        identity=identity.reshape(-1),
+        track=jnp.full((row.size, *vehicles.track.shape[1:]), UNSEEN, jnp.int32),
+        speed_factor=speed_factor.reshape(-1),
+        gain_left_memory=zero,
+        gain_right_memory=zero,
+        keep_right_memory=zero,
+        look_ahead_speed_mps=zero,
+        own_advice_mps2=jnp.full_like(zero, jnp.inf),
+        asked_advice_mps2=jnp.full_like(zero, jnp.inf),
+        speed_limit_mps=limit.reshape(-1),
+        slow_position_m=jnp.full_like(zero, jnp.inf),
+        slow_limit_mps=limit.reshape(-1),
+        stop_position_m=jnp.full_like(zero, jnp.inf),
+    )
+    if effects is not None:
+        newcomers = with_memories(effects, newcomers, seed)
+    return Entrants(newcomers, last, enters, rank, is_subject)
+
+
+def _choose_lanes(
+    room_m: Float[Array, "entrance lane"], inflow: Inflow, destination: Int[Array, "entrance rank"]
+) -> tuple[Int[Array, "entrance rank"], Bool[Array, "entrance rank"]]:
+    """Return the lane of each in the queue, and whether any was left that serves his destination.
+
+    Ties go to the right, as in SUMO.
+    """
+    num_entrances, num_lanes = room_m.shape
+    free = jnp.where(inflow.lane_row >= 0, room_m, -jnp.inf)
+    lanes, served = [], []
+    for rank in range(num_lanes):
+        serves = inflow.serves[jnp.arange(num_entrances), destination[:, rank]]
+        candidate = jnp.where(serves, free, -jnp.inf)
+        lane = jnp.argmax(candidate, axis=1).astype(jnp.int32)
+        is_served = jnp.max(candidate, axis=1) > -jnp.inf
+        taken = (jnp.arange(num_lanes) == lane[:, None]) & is_served[:, None]
+        free = jnp.where(taken, -jnp.inf, free)
+        lanes.append(lane)
+        served.append(is_served)
+    return jnp.stack(lanes, axis=1), jnp.stack(served, axis=1)
+
+
+def _draw(
+    cumulated: Float[Array, "entrance option"],
+    seed: Int[Array, ""],
+    identity: Int[Array, "entrance lane"],
+    purpose: Purpose,
+) -> Int[Array, "entrance lane"]:
+    chance = uniform(seed, identity, 0, purpose)
+    # the last share is 1 but for rounding: compare with all but the last, so that rounding cannot run off the end
+    return jnp.sum(chance[:, :, None] > cumulated[:, None, :-1], axis=2).astype(jnp.int32)
+
+
+def _speed_factor(
+    classes: tuple[VehicleClass, ...],
+    vehicle_class: Int[Array, "entrance lane"],
+    seed: Int[Array, ""],
+    identity: Int[Array, "entrance lane"],
+) -> Float[Array, "entrance lane"]:
+    mean = select_by_class([c.speed_factor_mean for c in classes], vehicle_class)
+    deviation = select_by_class([c.speed_factor_deviation for c in classes], vehicle_class)
+    normal = ndtri(uniform(seed, identity, 0, Purpose.SPEED_FACTOR))
+    return jnp.clip(mean + deviation * normal, *SPEED_FACTOR_BOUNDS)

@@ -1,0 +1,1 @@
+"""The time loop: decisions, motion, and the state of runs."""

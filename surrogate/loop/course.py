@@ -1,0 +1,139 @@
+"""Where runs are: what is known of them by now, and all that it takes to go on with them."""
+
+from typing import Any, Protocol
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Int
+
+from surrogate.loop.world import Clock
+from surrogate.road.perception import PerceptionFrame
+from surrogate.road.traffic_state import TrafficState
+
+ObserverState = Any
+
+
+class Observer(Protocol):
+    """A fold over perception frames."""
+
+    def start(self) -> ObserverState:
+        """Return the state before the first frame."""
+        ...
+
+    def update(self, state: ObserverState, frame: PerceptionFrame) -> ObserverState:
+        """Return the state after one more frame; a frame that is not valid must change nothing."""
+        ...
+
+    def finish(self, state: ObserverState) -> Array:
+        """Return what the drive comes to."""
+        ...
+
+
+class RunRecord(eqx.Module):
+    """What is left of a run, up to the end of the block in which its subject vehicle arrives.
+
+    What happens later depends on how long others of the batch drive, and is nobody's business.
+
+    Attributes:
+        observed: what the observer made of the drive; of each drive if there are several subject vehicles.
+        num_arrived: vehicles that asked to enter, per entrance.
+        num_inserted: vehicles that entered, per entrance.
+        num_on_road: most vehicles on the road at once, sampled at each block's end.
+        num_vehicle_steps: vehicles on the road, summed over steps; counted at the ends of blocks.
+        num_collisions: vehicle steps with overlapping vehicles.
+        num_subject_overlaps: steps in which a replayed subject vehicle overlaps another vehicle.
+        num_lost: newcomers that found the arrays full; a run with any is not valid.
+        num_lane_changes: lane changes on the whole road by reason.
+        subject_entered: whether the subject vehicle, each of them if there are several, found its way onto the road.
+        subject_left: whether it reached its destination.
+        is_finite: whether all positions and speeds are finite at the end.
+    """
+
+    observed: Array
+    num_arrived: Int[Array, " entrance"]
+    num_inserted: Int[Array, " entrance"]
+    num_on_road: Int[Array, ""]
+    num_vehicle_steps: Int[Array, ""]
+    num_collisions: Int[Array, ""]
+    num_subject_overlaps: Int[Array, ""]
+    num_lost: Int[Array, ""]
+    num_lane_changes: Int[Array, " reason"]
+    subject_entered: Bool[Array, "*subject"]
+    subject_left: Bool[Array, "*subject"]
+    is_finite: Bool[Array, ""]
+
+
+class RunPlan(eqx.Module):
+    """How long runs last and how much room they have.
+
+    Attributes:
+        clock: lengths of steps.
+        capacity: entries of the vehicle arrays: rows plus the most vehicles on the road.
+        steps_per_frame: steps between two frames; a multiple or a divisor of the steps between two decisions.
+        block_s: time between two looks at whether all subject vehicles have arrived.
+    """
+
+    clock: Clock
+    capacity: int = eqx.field(static=True)
+    steps_per_frame: int = eqx.field(static=True)
+    block_s: float = eqx.field(static=True, default=10.0)
+
+    def __check_init__(self) -> None:
+        """Check that frames and decisions meet."""
+        longer, shorter = sorted((self.steps_per_frame, self.clock.steps_per_decision), reverse=True)
+        if longer % shorter:
+            raise ValueError(f"Expected frames every multiple or part of {self.clock.steps_per_decision} steps.")
+
+    @property
+    def steps_before_decision(self) -> int:
+        """Steps from a frame to a decision; SUMO changes lanes anywhere between two frames, here it is the middle."""
+        return min(self.steps_per_frame, self.clock.steps_per_decision) // 2
+
+
+class Course(eqx.Module):
+    """Where a batch of runs is. All leaves have a leading axis for runs, and one run's part stands for itself.
+
+    Attributes:
+        states: their roads.
+        observed: what the observer has seen so far, and what the sensors remember where effects are modelled.
+        record: what is known of the runs by now.
+        is_over: which of them have ended.
+    """
+
+    states: TrafficState
+    observed: ObserverState
+    record: RunRecord
+    is_over: Bool[Array, " run"]
+
+
+def record_of(
+    states: TrafficState, observed: Array, num_on_road: Int[Array, " run"], num_vehicle_steps: Int[Array, " run"]
+) -> RunRecord:
+    """Return what is known of runs by now.
+
+    Args:
+        states: their roads.
+        observed: what the observer made of the drives.
+        num_on_road: most vehicles on the road at once before.
+        num_vehicle_steps: vehicle steps by now.
+    """
+    overlaps = states.num_subject_overlaps
+    return RunRecord(
+        observed=observed,
+        num_arrived=states.num_arrived,
+        num_inserted=states.num_inserted,
+        num_on_road=jnp.maximum(num_on_road, vehicles_on_road(states)),
+        num_vehicle_steps=num_vehicle_steps,
+        num_collisions=states.num_collisions,
+        num_subject_overlaps=jnp.zeros_like(states.step) if overlaps is None else overlaps,
+        num_lost=states.num_lost,
+        num_lane_changes=states.num_lane_changes,
+        subject_entered=states.subject_inserted,
+        subject_left=states.subject_left,
+        is_finite=jnp.all(jnp.isfinite(states.vehicles.speed_mps), axis=1),
+    )
+
+
+def vehicles_on_road(states: TrafficState) -> Int[Array, " run"]:
+    """Return how many vehicles are on the road of each run."""
+    return states.head[:, -1] - (states.head.shape[1] - 1)

@@ -1,0 +1,76 @@
+"""What stays the same during a run: the world, and the lengths of its steps."""
+
+import equinox as eqx
+from jaxtyping import Array, Bool, Float, Int
+
+from surrogate.effects.settings import Effects
+from surrogate.inflow.inflow import Inflow, SubjectPlan
+from surrogate.lane_change.manoeuvre import (
+    ChangeTiming,
+    change_timing,
+)
+from surrogate.loop.distant import DistantDrivers
+from surrogate.road.road import Road
+from surrogate.road.traffic_state import VehicleArrays
+from surrogate.subject.logged_drive import Replay
+from surrogate.subject.planner import Planner
+from surrogate.vehicle.vehicle_class import VehicleClass
+
+
+class Clock(eqx.Module):
+    """Lengths of steps; choices of the trace.
+
+    Attributes:
+        step_s: car-following step.
+        steps_per_decision: steps between two decisions about lanes, arrivals and perception.
+        lane_change_duration_s: time that a lane change takes; 0 for none.
+    """
+
+    step_s: float = eqx.field(static=True)
+    steps_per_decision: int = eqx.field(static=True)
+    lane_change_duration_s: float = eqx.field(static=True, default=0.0)
+
+    @property
+    def change_timing(self) -> ChangeTiming | None:
+        """When things happen in a lane change; None if it takes no time."""
+        return change_timing(self.lane_change_duration_s, self.step_s, self.interval_s)
+
+    @property
+    def interval_s(self) -> float:
+        """Time between two decisions."""
+        return self.step_s * self.steps_per_decision
+
+
+class World(eqx.Module):
+    """Everything that stays the same during a run.
+
+    Attributes:
+        road: geometry.
+        inflow: where and as what vehicles enter.
+        classes: vehicle classes; that of the subject vehicle is the last.
+        demand_vehps: demand of each entrance.
+        subject: when and where the subject vehicle enters.
+        seed: seed of the run.
+        effects: what the baseline lacks; None for the baseline, whose program then knows nothing of effects.
+        driver: who drives the subject vehicle, if not the models of its class.
+        distant: which vehicles follow otherwise beyond the sensors' range; None where none does.
+    """
+
+    road: Road
+    inflow: Inflow
+    classes: tuple[VehicleClass, ...]
+    demand_vehps: Float[Array, " entrance"]
+    subject: SubjectPlan
+    seed: Int[Array, ""]
+    effects: Effects | None = None
+    driver: Planner | Replay | None = None
+    distant: DistantDrivers | None = None
+
+    @property
+    def subject_class(self) -> int:
+        """Class of the subject vehicle."""
+        return len(self.classes) - 1
+
+    def is_subject(self, vehicles: VehicleArrays) -> Bool[Array, " vehicle"]:
+        """Return which vehicle is the subject vehicle, or which are, if there are several."""
+        return vehicles.vehicle_class == self.subject_class

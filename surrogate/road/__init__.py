@@ -1,0 +1,1 @@
+"""The road and the vehicles on it, and what the subject vehicle perceives of them."""

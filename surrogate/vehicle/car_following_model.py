@@ -1,0 +1,88 @@
+"""What every car-following model answers.
+
+A model is a record of its parameters; each field is one number per vehicle (or one for all). To add a model: write one
+file with a subclass, give it the five common fields and the four methods, and enter it where
+`sim_adapters.scenario.sumo_names` lists the models; every law test then runs for it.
+"""
+
+import abc
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import ClassVar
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+Value = Float[Array, "..."]
+
+
+class FollowingSituation(eqx.Module):
+    """What a driver reacts to.
+
+    Attributes:
+        speed_mps: own speed >= 0.
+        gap_m: leader's rear bumper minus own front bumper; inf means no leader.
+        leader_speed_mps: the leader's speed; any finite number where there is no leader.
+        leader_acceleration_mps2: the leader's acceleration in the last step.
+        acceleration_mps2: own acceleration in the last step.
+        desired_speed_mps: speed > 0 wanted on this lane.
+        uniform: random number in (0, 1) for models that need one.
+    """
+
+    speed_mps: Value
+    gap_m: Value
+    leader_speed_mps: Value
+    leader_acceleration_mps2: Value
+    acceleration_mps2: Value
+    desired_speed_mps: Value
+    uniform: Value
+
+
+class CarFollowingModel(eqx.Module):
+    """A car-following model with its parameters. Decelerations are positive numbers.
+
+    Attributes:
+        jam_gap_m: gap kept at standstill.
+        time_gap_s: desired time gap, which lane changing also takes for the reaction time (SUMO's tau).
+        max_acceleration_mps2: upper bound of the acceleration.
+        max_deceleration_mps2: deceleration that the driver is ready to use (SUMO's decel).
+        emergency_deceleration_mps2: physical bound of the deceleration.
+        draws_once_per_driver: whether the random number of a situation stays the driver's own; else each step has one.
+        habit_fields: the numbers in which drivers of one class may differ, each with its field of `Habits`.
+    """
+
+    draws_once_per_driver: ClassVar[bool] = False
+    habit_fields: ClassVar[Mapping[str, str]] = MappingProxyType(
+        {"time_gap_s": "time_gap", "max_acceleration_mps2": "acceleration", "max_deceleration_mps2": "deceleration"}
+    )
+    jam_gap_m: eqx.AbstractVar[Value]
+    time_gap_s: eqx.AbstractVar[Value]
+    max_acceleration_mps2: eqx.AbstractVar[Value]
+    max_deceleration_mps2: eqx.AbstractVar[Value]
+    emergency_deceleration_mps2: eqx.AbstractVar[Value]
+
+    @abc.abstractmethod
+    def acceleration(self, situation: FollowingSituation, step_s: float) -> Value:
+        """Return the wanted acceleration [m/s^2], not yet limited to what the vehicle can do."""
+
+    @abc.abstractmethod
+    def stop_acceleration(self, situation: FollowingSituation, distance_m: Value, step_s: float) -> Value:
+        """Return the acceleration that lets the vehicle stand after `distance_m`; inf means no such place."""
+
+    @abc.abstractmethod
+    def slow_acceleration(
+        self, situation: FollowingSituation, distance_m: Value, target_speed_mps: Value, step_s: float
+    ) -> Value:
+        """Return the acceleration that brings the vehicle to a lower speed by `distance_m`; inf where it may go on."""
+
+    @abc.abstractmethod
+    def secure_gap_m(
+        self, speed_mps: Value, leader_speed_mps: Value, leader_deceleration_mps2: Value, step_s: float
+    ) -> Value:
+        """Return the gap, beyond the jam gap, that a driver demands before somebody changes lane in front of him."""
+
+
+def follow_speed_mps(model: CarFollowingModel, situation: FollowingSituation, step_s: float) -> Value:
+    """Return the speed after one step, >= 0, that the model wants; acceleration limits are not applied."""
+    return jnp.maximum(0.0, situation.speed_mps + step_s * model.acceleration(situation, step_s))

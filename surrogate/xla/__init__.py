@@ -1,0 +1,1 @@
+"""How arrays of vehicles are worked through fast: tiles, gathers, compaction."""
