@@ -3,6 +3,7 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
 from surrogate.xla.materialise import compiler_options, materialise
 
@@ -39,3 +40,18 @@ def test_the_compiler_does_not_repeat_what_is_marked() -> None:
     """Guards the compiler option: should XLA rename the pass, this is where it shows."""
     if jax.default_backend() == "cpu":
         assert products_in(True) < 0.6 * products_in(False)
+
+
+@pytest.mark.parametrize("num_values", [3, 5003])
+def test_what_is_marked_may_lie_in_a_loop(num_values: int) -> None:
+    """Guards the compiler option: XLA ends the process where it makes one function of a loop with marks.
+
+    It takes loops for small enough up to 1024 bytes before jaxlib 0.12, and up to 1e9 bytes since.
+    """
+    start = jnp.linspace(0.3, 1.7, num_values)
+
+    def many_steps(values: jax.Array, num_steps: int) -> jax.Array:
+        return jax.lax.fori_loop(0, num_steps, lambda _, now: materialise((now * 0.5, now))[0] + now, values)
+
+    program = jax.jit(many_steps).lower(start, 4).compile(compiler_options())
+    np.testing.assert_allclose(program(start, 4), 1.5**4 * start, rtol=1e-6)
