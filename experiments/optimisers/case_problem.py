@@ -13,13 +13,12 @@ from jaxcalib.calibration.stages.budget import plan_budget
 from jaxcalib.calibration.stages.evaluator import Evaluator
 from jaxcalib.calibration.stages.search_box import SearchBox, half_width_of, search_box
 from jaxcalib.calibration.stages.search_run import SearchRun
-from jaxcalib.calibration.stages.two_stage import NOISE_OFFSET
 from jaxcalib.case.case import Role
 from jaxcalib.initial_values.initial_point import InitialPoint, find_initial_point
 from jaxcalib.problem.engines import surrogate_engine
 from jaxcalib.problem.problem import CalibrationProblem
 from jaxcalib.problem.settings import Settings
-from jaxcalib.runs.seeds import FINAL_SEEDS, SEEDS_PER_CALIBRATION
+from jaxcalib.runs.seeds import FINAL_SEEDS, NOISE_OFFSET, SEEDS_PER_CALIBRATION
 from sim_adapters.jax.simulator import JaxSimulator
 
 Points = Float[np.ndarray, "candidate parameter"]

@@ -2,7 +2,6 @@
 
 import contextlib
 import os
-import tempfile
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -44,15 +43,14 @@ from jaxcalib.problem.engines import (
 from jaxcalib.problem.problem import CalibrationProblem, drives_to_fit, read_problem
 from jaxcalib.problem.settings import Settings
 from jaxcalib.runs.journal import JournaledSumo
-from jaxcalib.runs.progress import Progress, Silent
-from jaxcalib.runs.run_folder import RunFolder, identify, open_run_folder
-from jaxcalib.runs.seeds import MOST_SEED, SEEDS_PER_CALIBRATION
-from jaxcalib.runs.stopwatch import Stopwatch
+from jaxcalib.runs.progress import Progress
+from jaxcalib.runs.run_folder import identify
+from jaxcalib.runs.seeds import MOST_SEED, TRIAL_SEED
+from jaxcalib.runs.session import Session, open_session
 from sim_adapters.scenario.sumo_effects import is_expressible
 from surrogate.effects.registry import EFFECTS
 
 RECALIBRATION_SCALE = 0.5  # of the calibration's numbers of runs; the last step is taken on all features anyway
-TRIAL_SEED = 800_000
 
 
 def diagnose(
@@ -81,26 +79,19 @@ def diagnose(
         CaseError: the case or RUN are wrong; one line says what.
         AllRunsFailedError: a simulator failed.
     """
-    began = time.perf_counter()
+    began_s = time.perf_counter()
     if not 0 <= seed <= MOST_SEED or not 0.05 <= budget <= 100.0:
         raise ValueError(f"Expected a seed of 0 to {MOST_SEED} and a budget of 0.05 to 100; got {seed} and {budget}.")
     prepare_devices(len(os.sched_getaffinity(0)))
     problem = read_problem(case, as_stated=True)
     identity = identify(problem.case, {"command": "diagnose", "seed": seed, "budget": budget})
-    if out is None:
-        with (
-            tempfile.TemporaryDirectory(prefix="jaxcalib-") as folder,
-            open_run_folder(Path(folder) / "run", identity, False) as run_folder,
-        ):
-            return _diagnose(problem, seed, budget, run_folder, progress or Silent(), began)
-    with open_run_folder(Path(out), identity, resume) as run_folder:
-        return _diagnose(problem, seed, budget, run_folder, progress or Silent(), began)
+    with open_session(out, identity, seed=seed, progress=progress, resume=resume, began_s=began_s) as session:
+        return _diagnose(problem, budget, session)
 
 
-def _diagnose(
-    problem: CalibrationProblem, seed: int, budget: float, run_folder: RunFolder, progress: Progress, began: float
-) -> Diagnosis:
-    first_seed = seed * SEEDS_PER_CALIBRATION
+def _diagnose(problem: CalibrationProblem, budget: float, session: Session) -> Diagnosis:
+    seed, first_seed, run_folder = session.seed, session.first_seed, session.folder
+    progress, stopwatch, journal = session.progress, session.stopwatch, session.journal
     plan = plan_diagnosis(budget)
     calibration = plan_budget(problem, RECALIBRATION_SCALE * budget)
     num_parameters = len(problem.layout.names)
@@ -113,8 +104,6 @@ def _diagnose(
         + MOST_SUMO_POINTS * num_runs_for(problem, plan.refit_drives),
     )
     first_null_runs = num_runs_for(problem, plan.first_null_drives)
-    journal = run_folder.journal
-    stopwatch = Stopwatch(journal.clock)
     stages = Stages(run_folder.path / "stages")
 
     # What a short range hides must not bend the values: it is an effect of its own, to be found with the stated range.
@@ -123,9 +112,7 @@ def _diagnose(
         seen = read_problem(problem.case.folder)
     with sumo_engine(seen) as pool:
         engine = surrogate_engine(seen)
-        searched = search_values(
-            seen, Settings(), calibration, seed, engine, JournaledSumo(pool, journal), journal, progress, stopwatch
-        )
+        searched = search_values(seen, Settings(), calibration, engine, JournaledSumo(pool, journal), session)
     interval_s = fine_interval_s(problem)
     is_fit = np.asarray([drive.role == "fit" for drive in problem.drives])
     with stopwatch.time("baseline"):
@@ -138,7 +125,7 @@ def _diagnose(
         except NotTestableError as error:
             num_sumo = searched.confirmation.num_sumo_runs + first_null_runs
             num_surrogate = searched.surrogate.num_runs + (2 * num_parameters + 1) * plan.first_slope_runs
-            wall_s = stopwatch.wall_s | {"total": journal.clock() - began}
+            wall_s = stopwatch.wall_s | {"total": session.elapsed_s}
             counts = {"surrogate": num_surrogate, "sumo": num_sumo}
             diagnosis = refuse(problem, searched.values, str(error), counts, wall_s)
             run_folder.write_text("diagnosis.json", diagnosis.to_json())
@@ -222,7 +209,7 @@ def _diagnose(
             return found
 
         with stopwatch.time("refit"):
-            recalibrator = Recalibrator(seen, searched, searched.values, calibration, seed, journal, progress)
+            recalibrator = Recalibrator(seen, searched, searched.values, calibration, session)
             maker = ExplainedRunner(
                 problem, values, in_sumo, fitted.null, recalibrator.values, run_explained, plan.effect_runs
             )
@@ -262,7 +249,7 @@ def _diagnose(
         windows=windows,
         checks=checks,
         runs={"surrogate": num_surrogate, "sumo": num_sumo},
-        wall_s=stopwatch.wall_s | {"total": journal.clock() - began},
+        wall_s=stopwatch.wall_s | {"total": session.elapsed_s},
     )
     progress.stage("report")
     diagnosis = conclude(findings)

@@ -19,6 +19,7 @@ from jaxcalib.problem.problem import CalibrationProblem, read_problem
 from jaxcalib.problem.settings import Settings, read_settings
 from jaxcalib.runs.disk import writing_to
 from jaxcalib.runs.run_folder import identify
+from jaxcalib.runs.seeds import MOST_SEED, SEEDS_PER_CALIBRATION
 from jaxcalib.runs.sweep_progress import Silent, SweepProgress
 from jaxcalib.sweeps.columns import rows_of, sweep_schema
 from jaxcalib.sweeps.description import describe, identity_options
@@ -29,8 +30,6 @@ from jaxcalib.sweeps.plan import ENGINES, Engine, Shard, SweepPlan, read_shard
 from jaxcalib.sweeps.report import report_files, write_report
 from jaxcalib.sweeps.store import SweepStore
 
-SEEDS_PER_SWEEP = 1_000_000  # as for calibrations: no two values of --seed share a run's seed
-MOST_SEED = 2_000
 MOST_SEEDS = 100_000
 
 
@@ -125,7 +124,7 @@ def sweep(
         engine=engine,
         design=make_design(design, space, base, parameters, seed),
         num_seeds=seeds,
-        first_seed=seed * SEEDS_PER_SWEEP,
+        first_seed=seed * SEEDS_PER_CALIBRATION,
         departs_s=tuple(interleaved_departs_s(problem.departs_s("fit"))),
     )
     schema = sweep_schema(space, problem.measures)

@@ -6,13 +6,13 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from jaxcalib.calibration.stages.screening import SHORTLIST_OFFSET, SHORTLIST_RUNS
+from jaxcalib.calibration.stages.screening import SHORTLIST_RUNS
 from jaxcalib.calibration.stages.search_box import SearchBox
 from jaxcalib.calibration.stages.search_run import Judged, SearchRun, best_of
+from jaxcalib.runs.seeds import GENERATION_OFFSET, SHORTLIST_OFFSET
 from jaxcalib.search import SagaConfig, SagaInfo, TrustRegionConfig, TrustRegionInfo, saga, trust_region
 from jaxcalib.search.evaluated_points import EvaluatedPoints, append_points
 
-GENERATION_OFFSET = 1_000  # of the seeds
 NUM_SHORTLISTED = 3
 STEP_FRACTIONS = (0.3, 0.6, 1.0)  # of a Gauss-Newton step
 

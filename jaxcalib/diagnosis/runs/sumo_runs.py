@@ -13,10 +13,9 @@ from jaxcalib.diagnosis.runs.null_runs import NullRuns, alterations_of, fine_int
 from jaxcalib.diagnosis.runs.plan import DiagnosisBudget
 from jaxcalib.diagnosis.runs.stages import Stages
 from jaxcalib.problem.problem import CalibrationProblem
+from jaxcalib.runs.seeds import CHECK_SEED, DEFAULT_SEED, EXPLAINED_SEED, NULL_SEED
 from surrogate.effects.base import Effect, EffectSetting
 from surrogate.effects.registry import EFFECTS
-
-NULL_SEED, DEFAULT_SEED, CHECK_SEED, EXPLAINED_SEED = 600_000, 700_000, 900_000, 950_000
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,8 @@ import numpy as np
 
 from jaxcalib.calibration.confirmation.final_errors import FinalRuns, runs_of_role, start_final_runs, with_outcomes
 from jaxcalib.calibration.result.simulation_health import health_of, unfinished_warnings
+from jaxcalib.runs.seeds import FINAL_SEEDS, SEEDS_PER_CALIBRATION
+from jaxcalib.runs.session import open_session
 from sim_adapters.interface import RunOutcome, RunRequest, Status
 
 DEPARTS_S = (300.0, 340.0, 300.0)
@@ -49,16 +51,18 @@ def test_drives_may_share_runs_and_each_is_made_equally_often():
     departs_s = (300.0, 320.0, 360.0, 300.0, 320.0, 360.0)
     problem: Any = SimpleNamespace(departs_s=lambda role: departs_s, tally_names=("a", "b"))
     sumo: Any = SimpleNamespace(start=start)
-    runs = start_final_runs(problem, sumo, np.ones(1), "held_out", 12, 1000, lambda count: None, shares_runs=True)()
+    with open_session(None, {}, seed=3) as session:
+        runs = start_final_runs(problem, sumo, np.ones(1), "held_out", 12, session, shares_runs=True)()
+        alone = start_final_runs(problem, sumo, np.ones(1), "held_out", 6, session)()
     assert sorted(runs.drive) == sorted([*range(6), *range(6)])
-    assert [departs_s[drive] for drive in runs.drive] == [one.depart_s for one in asked]
-    together = [(one.seed, sorted({one.depart_s, *one.also_depart_s})) for one in asked if one.also_depart_s]
+    assert [departs_s[drive] for drive in runs.drive] == [one.depart_s for one in asked[:12]]
+    together = [(one.seed, sorted({one.depart_s, *one.also_depart_s})) for one in asked[:12] if one.also_depart_s]
     assert together
     assert all(other == [300.0, 360.0] for _, other in together)
-    assert len({(one.seed, one.depart_s) for one in asked}) == 12  # none is made twice
-    alone = start_final_runs(problem, sumo, np.ones(1), "held_out", 6, 1000, lambda count: None)()
+    assert len({(one.seed, one.depart_s) for one in asked[:12]}) == 12  # none is made twice
     assert alone.drive.tolist() == list(range(6))
-    assert [(one.seed, one.depart_s) for one in asked[12:]] == [(1000 + n, departs_s[n]) for n in range(6)]
+    first = 3 * SEEDS_PER_CALIBRATION + FINAL_SEEDS["held_out"]
+    assert [(one.seed, one.depart_s) for one in asked[12:]] == [(first + n, departs_s[n]) for n in range(6)]
 
 
 def test_runs_for_one_role_serve_the_other_each_drive_equally_often():

@@ -13,7 +13,7 @@ from jaxcalib.calibration.stages.evaluator import Evaluator
 from jaxcalib.initial_values.driver_values import DriverEstimate
 from jaxcalib.initial_values.initial_point import InitialPoint, without_driver_logs
 from jaxcalib.problem.settings import Settings
-from jaxcalib.runs.progress import Silent
+from jaxcalib.runs.session import open_session
 from tests.jaxcalib.calibration.toy import LAYOUT, SPACE, ToySimulator, toy_objective
 
 BUDGET = Budget(4, 8, 12, 8, 6, 2, 1, 1, 2, 2, 2, 100)
@@ -29,7 +29,8 @@ def search(
     initial: Any = SimpleNamespace(space=SPACE, values=START, unit_error=np.full(3, np.inf))
     evaluator = Evaluator(ToySimulator(), (300.0, 320.0), 50)
     settings = Settings(without=("gradients", *without))
-    return two_stage.search_two_stages(problem, initial, evaluator, settings, BUDGET, 1, Silent()), evaluator
+    with open_session(None, {}, seed=1) as session:
+        return two_stage.search_two_stages(problem, initial, evaluator, settings, BUDGET, session), evaluator
 
 
 def test_parts_left_out_make_no_runs_and_hand_on_where_they_would_have_begun(monkeypatch: pytest.MonkeyPatch):

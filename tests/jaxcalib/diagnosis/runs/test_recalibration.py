@@ -17,9 +17,8 @@ from jaxcalib.diagnosis.runs import recalibration
 from jaxcalib.diagnosis.runs.recalibration import Recalibrator, WithEffects
 from jaxcalib.initial_values.initial_point import InitialPoint
 from jaxcalib.problem.problem import CalibrationProblem
-from jaxcalib.runs.journal import Journal
-from jaxcalib.runs.progress import Silent
 from jaxcalib.runs.seeds import SEEDS_PER_CALIBRATION
+from jaxcalib.runs.session import open_session
 from sim_adapters.interface import ParameterLayout, RunOutcome, RunRequest
 from surrogate.effects.base import EffectSetting
 
@@ -57,14 +56,14 @@ class Space:
 
 def test_the_search_is_made_with_the_effects_and_its_difference_counts(monkeypatch: pytest.MonkeyPatch):
     """Where the search with the effects ends less where it ended without them is added to what is gone on from."""
-    listener, journal = Listener([]), Journal(None)
+    listener = Listener([])
     effects = {"local_speed_reduction": EffectSetting(0.15)}
     monkeypatch.setattr(recalibration, "surrogate_engine", lambda problem, room: listener)
     monkeypatch.setattr(Listener, "with_effects", lambda self: self, raising=False)
     monkeypatch.setattr(recalibration, "JournaledSurrogate", lambda engine, journal: engine)
     seeds = []
 
-    def search(problem, initial, evaluator, settings, budget, seed, progress, clock):
+    def search(problem, initial, evaluator, settings, budget, session):
         requests = evaluator.requests(np.asarray([1.0, 2.0]), 3)
         evaluator._simulator.run(requests)
         seeds.extend(request.seed for request in requests)
@@ -76,9 +75,9 @@ def test_the_search_is_made_with_the_effects_and_its_difference_counts(monkeypat
     initial = cast(InitialPoint, SimpleNamespace(space=Space()))
     searched = SearchedValues(initial, found, cast(Confirmation, None), cast(Evaluator, None))
     budget = cast(Budget, None)
-    recalibrator = Recalibrator(problem, searched, np.asarray([21.0, 2.0]), budget, 2, journal, Silent())
-
-    values = recalibrator.values(effects)
+    with open_session(None, {}, seed=2) as session:
+        recalibrator = Recalibrator(problem, searched, np.asarray([21.0, 2.0]), budget, session)
+        values = recalibrator.values(effects)
     assert values is not None
     np.testing.assert_allclose(values, [24.0, 0.0])  # no value below 0
     assert [request.effects for request in listener.asked] == 3 * [effects]
