@@ -16,7 +16,7 @@ from surrogate.loop.kinematics import move
 from surrogate.loop.world import World
 from surrogate.road.neighbours import Neighbour, leader_at, nobody, own_leader, second_leader
 from surrogate.road.traffic_state import TrafficState, VehicleArrays, with_changes
-from surrogate.subject.logged_drive import Replay, impose, overlaps
+from surrogate.subject.logged_drive import LoggedMotion, impose, overlaps
 from surrogate.vehicle.vehicle_class import select_by_class
 from surrogate.xla.materialise import materialise
 from surrogate.xla.tiles import Tile, all_tiles, for_each_tile, tile_size
@@ -53,7 +53,7 @@ def move_on(
         return state
     num_entries = state.vehicles.row.shape[0]
     # who looks at leaders anywhere, or is put where a log has him, needs everybody at the same step
-    in_step = state.manoeuvres is not None or isinstance(world.driver, Replay)
+    in_step = state.manoeuvres is not None or isinstance(world.driver, LoggedMotion)
     size = num_entries if in_step else tile_size(num_entries)
     num_tiles = 1 if in_step else all_tiles(num_entries) if num_tiles is None else num_tiles
     models = [vehicle_class.lane_change for vehicle_class in world.classes]
@@ -91,7 +91,7 @@ def move_on(
                 second,
                 beside,
             )
-            if isinstance(world.driver, Replay) and num_overlaps is not None:
+            if isinstance(world.driver, LoggedMotion) and num_overlaps is not None:
                 is_subject = world.is_subject(after)
                 length_m = select_by_class([one.length_m for one in world.classes], after.vehicle_class)
                 after = impose(world.driver, after, is_subject, step + 1, step_s)
@@ -193,7 +193,7 @@ class _Ahead(eqx.Module):
         )
 
 
-# motion; who is ahead of a tile; collisions; overlaps of a replayed vehicle
+# motion; who is ahead of a tile; collisions; overlaps of a logged drive
 _Progress = tuple[_Motion, _Ahead, Array, Array | None]
 
 

@@ -13,8 +13,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from surrogate.effects.apply import appeared, sensed, start_of_sensing
-from surrogate.loop.course import Course, Observer, ObserverState, RunPlan, RunRecord, record_of, vehicles_on_road
 from surrogate.loop.moving import move_on
+from surrogate.loop.run_state import Observer, ObserverState, RunPlan, RunRecord, RunState, record_of, vehicles_on_road
 from surrogate.loop.several_subjects import all_have_left, perceive_all
 from surrogate.loop.step import initial_state, settle_lanes
 from surrogate.loop.world import World
@@ -46,14 +46,14 @@ def observe_batch(
         end_s: runs end then at the latest.
         states: the roads at time 0, with a leading axis for runs; empty ones unless given.
     """
-    course = at_start(worlds, axes, sensor, observer, plan, states)
-    firsts_s = jnp.broadcast_to(first_frame_s, course.is_over.shape)
-    return go_on(course, worlds, axes, sensor, observer, plan, firsts_s, end_s, jnp.zeros((), jnp.int32)).record
+    run_states = at_start(worlds, axes, sensor, observer, plan, states)
+    firsts_s = jnp.broadcast_to(first_frame_s, run_states.is_over.shape)
+    return go_on(run_states, worlds, axes, sensor, observer, plan, firsts_s, end_s, jnp.zeros((), jnp.int32)).record
 
 
 def at_start(
     worlds: World, axes: World, sensor: Sensor, observer: Observer, plan: RunPlan, states: TrafficState | None = None
-) -> Course:
+) -> RunState:
     """Return where runs are at time 0; for the arguments see `observe_batch`."""
     num_runs = worlds.seed.shape[0]
 
@@ -69,11 +69,11 @@ def at_start(
     observed = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (*leading, *jnp.shape(leaf))), start)
     seen = _finished(observer, observed if worlds.effects is None else observed[0], len(leading))
     record = record_of(states, seen, vehicles_on_road(states), jnp.zeros((num_runs,), jnp.int32))
-    return Course(states, observed, record, jnp.zeros((num_runs,), bool))
+    return RunState(states, observed, record, jnp.zeros((num_runs,), bool))
 
 
 def go_on(
-    course: Course,
+    run_states: RunState,
     worlds: World,
     axes: World,
     sensor: Sensor,
@@ -82,13 +82,13 @@ def go_on(
     first_frame_s: Float[Array, " run"],
     end_s: Float[Array, ""],
     most_unfinished: Int[Array, ""],
-) -> Course:
+) -> RunState:
     """Return where runs are when all but a few have ended.
 
     What a run comes to does not depend on when it is interrupted, nor on the runs beside it.
 
     Args:
-        course: where they are.
+        run_states: where they are.
         worlds: the runs; see `observe_batch` for this and what is not told here.
         axes: which leaves of them differ.
         sensor: the subject vehicles' sensors.
@@ -144,9 +144,9 @@ def go_on(
         observed, sensor_memory = watch(seen_now, entry, observed, sensor_memory)
         return state.vehicles.track, state.num_tracks, (observed, sensor_memory) if has_effects else observed
 
-    def block(course: Course) -> Course:
-        states, observed, record = course.states, course.observed, course.record
-        is_on = ~course.is_over
+    def block(run_states: RunState) -> RunState:
+        states, observed, record = run_states.states, run_states.observed, run_states.record
+        is_on = ~run_states.is_over
         is_seen = jnp.any(is_on & (states.step >= first_seen_step))
 
         def cycle(_: Int[Array, ""], carry: tuple[TrafficState, ObserverState]) -> Any:
@@ -177,26 +177,26 @@ def go_on(
         num_vehicle_steps = record.num_vehicle_steps + steps_per_block * vehicles_on_road(states)
         later = record_of(states, record.observed, record.num_on_road, num_vehicle_steps)
         record = jax.tree.map(
-            lambda old, new: jnp.where(course.is_over.reshape(-1, *[1] * (new.ndim - 1)), old, new), record, later
+            lambda old, new: jnp.where(run_states.is_over.reshape(-1, *[1] * (new.ndim - 1)), old, new), record, later
         )
         is_late = states.step.astype(jnp.float32) * clock.step_s >= end_s
         # a run that has lost a vehicle is worth nothing any more
         has_left = all_have_left(states.subject_left)
-        is_over = course.is_over | has_left | is_late | (states.num_lost > 0)
-        return Course(states, observed, record, is_over)
+        is_over = run_states.is_over | has_left | is_late | (states.num_lost > 0)
+        return RunState(states, observed, record, is_over)
 
-    def is_short(course: Course) -> Bool[Array, ""]:
-        return jnp.sum(~course.is_over) > most_unfinished
+    def is_short(run_states: RunState) -> Bool[Array, ""]:
+        return jnp.sum(~run_states.is_over) > most_unfinished
 
     most_newcomers = decisions_per_frame * jnp.sum(worlds.inflow.lane_row >= 0)
     # whole blocks are seen or not, so that a run sees the same frames in whichever batch it is
     steps_per_block = cycles_per_block * steps_per_cycle
     steps_unseen = steps_after + (frames_per_decision - 1) * plan.steps_per_frame
     first_seen_step = jnp.floor(first_frame_s / clock.step_s / steps_per_block).astype(jnp.int32) * steps_per_block
-    course = jax.lax.while_loop(is_short, block, course)
-    observed = course.observed if worlds.effects is None else course.observed[0]
-    seen = _finished(observer, observed, course.states.subject_inserted.ndim)
-    return eqx.tree_at(lambda one: one.record.observed, course, seen)
+    run_states = jax.lax.while_loop(is_short, block, run_states)
+    observed = run_states.observed if worlds.effects is None else run_states.observed[0]
+    seen = _finished(observer, observed, run_states.states.subject_inserted.ndim)
+    return eqx.tree_at(lambda one: one.record.observed, run_states, seen)
 
 
 def _finished(observer: Observer, observed: ObserverState, num_axes: int) -> Array:

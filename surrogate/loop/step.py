@@ -15,14 +15,14 @@ from surrogate.lane_change.manoeuvre import (
     idle_manoeuvres,
     with_duration,
 )
-from surrogate.lane_change.place import Place
+from surrogate.lane_change.vehicles_on_road import VehiclesOnRoad
 from surrogate.loop.distant import with_distant_drivers
 from surrogate.loop.several_subjects import who_left
 from surrogate.loop.world import Clock, World
 from surrogate.road.reorder import Moves, new_order, rearrange
 from surrogate.road.traffic_state import UNSEEN, TrafficState, VehicleArrays, empty_vehicles, with_changes
 from surrogate.subject.control import with_plan, with_planned_acceleration
-from surrogate.subject.logged_drive import Replay, as_logged, entry_of_subject, staying, with_logged_lane
+from surrogate.subject.logged_drive import LoggedMotion, as_logged, entry_of_subject, staying, with_logged_lane
 from surrogate.subject.planner import Planner
 from surrogate.vehicle.lane_change_model import STAY, Reason
 from surrogate.vehicle.vehicle_class import select_by_class
@@ -59,7 +59,7 @@ def initial_state(world: World, capacity: int, clock: Clock | None = None) -> Tr
         subject_left=jnp.zeros(of_subjects, bool),
         num_tracks=jnp.zeros(of_subjects, jnp.int32),
         num_collisions=jnp.zeros((), jnp.int32),
-        num_subject_overlaps=jnp.zeros((), jnp.int32) if isinstance(world.driver, Replay) else None,
+        num_subject_overlaps=jnp.zeros((), jnp.int32) if isinstance(world.driver, LoggedMotion) else None,
         num_lost=jnp.zeros((), jnp.int32),
         num_lane_changes=jnp.zeros((len(Reason),), jnp.int32),
         manoeuvres=idle_manoeuvres(capacity) if has_manoeuvres else None,
@@ -99,8 +99,8 @@ def settle_lanes(
         world.subject.entrance,
     )
     with jax.named_scope("lane_change"):
-        place = Place(state.vehicles, world.road, state.head)
-        decision = decide(place, world.classes, clock.interval_s, clock.step_s, num_tiles)
+        on_road = VehiclesOnRoad(state.vehicles, world.road, state.head)
+        decision = decide(on_road, world.classes, clock.interval_s, clock.step_s, num_tiles)
     moment = Moment(state.vehicles, world.classes, world.seed, state.step, clock.step_s)
     if effects is not None:
         decision = materialise(decided(effects, decision, moment))
@@ -110,17 +110,17 @@ def settle_lanes(
         with jax.named_scope("plan"):
             decision = jax.lax.cond(
                 plans,
-                lambda: with_plan(decision, planner, place, world.classes, world.subject_class, clock.interval_s),
+                lambda: with_plan(decision, planner, on_road, world.classes, world.subject_class, clock.interval_s),
                 lambda: decision,
             )
     if manoeuvres is not None and timing is not None:
         planned = decision
-        if isinstance(world.driver, Replay):
+        if isinstance(world.driver, LoggedMotion):
             decision = staying(decision, world.is_subject(state.vehicles))
         decision, manoeuvres, closed = with_duration(decision, manoeuvres, state.vehicles, state.head, timing)
         if isinstance(world.driver, Planner):
             decision = with_planned_acceleration(decision, planned, world.is_subject(state.vehicles))
-    if isinstance(world.driver, Replay):
+    if isinstance(world.driver, LoggedMotion):
         # a log has the vehicle in its new lane at once, half way through its change
         decision = with_logged_lane(decision, world.driver, state, world.is_subject(state.vehicles))
     vehicles = with_changes(
@@ -145,12 +145,12 @@ def settle_lanes(
             clock.step_s,
             effects,
         )
-    if isinstance(world.driver, Replay):
+    if isinstance(world.driver, LoggedMotion):
         candidates = as_logged(candidates, world.driver, world.road, state)
         closed = None if closed is None else closed & ~entry_of_subject(candidates, closed)
     destination_m = world.road.destination_end_m.at[vehicles.destination].get(mode="promise_in_bounds")
     leaves = vehicles.is_vehicle & (vehicles.position_m >= destination_m)
-    if isinstance(world.driver, Replay):
+    if isinstance(world.driver, LoggedMotion):
         leaves |= world.is_subject(vehicles) & world.driver.is_over(state.step)
     moves = Moves(
         leaves_road=leaves,
@@ -165,7 +165,7 @@ def settle_lanes(
         order = new_order(moves, vehicles, state.head)
         moved_from = vehicles.row
         row = jnp.where(order.has_moved, decision.target_row, vehicles.row)
-        vehicles = look_up_lane(with_changes(vehicles, row=row), place)
+        vehicles = look_up_lane(with_changes(vehicles, row=row), on_road)
         if effects is not None:
             vehicles = materialise(road_demands(effects, vehicles, world.road, moment))
         newcomers = candidates.vehicles
@@ -202,13 +202,13 @@ def settle_lanes(
     )
 
 
-def look_up_lane(vehicles: VehicleArrays, place: Place) -> VehicleArrays:
+def look_up_lane(vehicles: VehicleArrays, on_road: VehiclesOnRoad) -> VehicleArrays:
     """Return the vehicles with what the road demands of them in the row they are in now."""
-    row = jnp.minimum(vehicles.row, place.road.num_rows - 1)
+    row = jnp.minimum(vehicles.row, on_road.road.num_rows - 1)
     return with_changes(
         vehicles,
-        speed_limit_mps=place.at_row(place.road.speed_limit_mps, row),
-        slow_position_m=place.at_row(place.road.slow_position_m, row),
-        slow_limit_mps=place.at_row(place.road.slow_limit_mps, row),
-        stop_position_m=place.on_route(place.road.stop_position_m, row),
+        speed_limit_mps=on_road.at_row(on_road.road.speed_limit_mps, row),
+        slow_position_m=on_road.at_row(on_road.road.slow_position_m, row),
+        slow_limit_mps=on_road.at_row(on_road.road.slow_limit_mps, row),
+        stop_position_m=on_road.on_route(on_road.road.stop_position_m, row),
     )

@@ -2,7 +2,6 @@
 
 import re
 import shutil
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -59,7 +58,7 @@ SHORT_HEADWAYS = MeasureGroup(
 
 
 @pytest.fixture(scope="module")
-def problem(tmp_path_factory: pytest.TempPathFactory) -> Iterator[CalibrationProblem]:
+def problem(tmp_path_factory: pytest.TempPathFactory) -> CalibrationProblem:
     """A drive on the corridor, with both measures in the registry."""
     folder = Path(shutil.copytree(CORRIDOR, tmp_path_factory.mktemp("case") / "corridor"))
     head, first, *_ = re.split(r"(?=\[\[drive\]\])", (folder / "case.toml").read_text())
@@ -68,7 +67,7 @@ def problem(tmp_path_factory: pytest.TempPathFactory) -> Iterator[CalibrationPro
         patch.setattr(registry, "GROUPS", (*registry.GROUPS, FOLLOWING_SHARE, SHORT_HEADWAYS))
         problem = read_problem(folder)
     parts = replace(problem.parts, scenario=replace(problem.parts.scenario, duration_s=END_S))
-    yield replace(problem, parts=parts)
+    return replace(problem, parts=parts)
 
 
 def check(problem: CalibrationProblem, tally: np.ndarray) -> None:

@@ -1,4 +1,4 @@
-"""Where runs are: what is known of them by now, and all that it takes to go on with them."""
+"""The state of a batch of runs: what is known of them by now, and all that it takes to go on with them."""
 
 from typing import Any, Protocol
 
@@ -41,7 +41,7 @@ class RunRecord(eqx.Module):
         num_on_road: most vehicles on the road at once, sampled at each block's end.
         num_vehicle_steps: vehicles on the road, summed over steps; counted at the ends of blocks.
         num_collisions: vehicle steps with overlapping vehicles.
-        num_subject_overlaps: steps in which a replayed subject vehicle overlaps another vehicle.
+        num_subject_overlaps: steps in which a subject vehicle that repeats its log overlaps another vehicle.
         num_lost: newcomers that found the arrays full; a run with any is not valid.
         num_lane_changes: lane changes on the whole road by reason.
         subject_entered: whether the subject vehicle, each of them if there are several, found its way onto the road.
@@ -90,8 +90,8 @@ class RunPlan(eqx.Module):
         return min(self.steps_per_frame, self.clock.steps_per_decision) // 2
 
 
-class Course(eqx.Module):
-    """Where a batch of runs is. All leaves have a leading axis for runs, and one run's part stands for itself.
+class RunState(eqx.Module):
+    """State of a batch of runs. All leaves have a leading axis for runs, and one run's part stands for itself.
 
     Attributes:
         states: their roads.
