@@ -21,7 +21,7 @@ from experiments.benchmarks.throughput import CASE
 from jaxcalib.calibration.objective.moments import Moments, all_moments
 from jaxcalib.problem.engines import DECISION_INTERVAL_S, OBJECTS_PER_ROW, expected_vehicles
 from jaxcalib.problem.problem import FRAME_INTERVAL_S, CalibrationProblem, read_problem
-from surrogate.loop.course import RunPlan
+from surrogate.loop.run_state import RunPlan
 from surrogate.loop.simulate import observe_batch
 from surrogate.loop.world import Clock
 from surrogate.road.perception import Sensor

@@ -9,7 +9,7 @@ import pandas as pd
 from experiments.paper.methods import IMPROVED, LABELS, NO_CALIBRATION, PRINTED, STATE_OF_THE_ART
 from experiments.paper.similarity import chance_at_least, chance_similarity, pair_shares
 from experiments.paper.trial import Trial
-from jaxcalib.calibration.objective.accuracy import MEASURE_OF, VEHICLE_LEVEL_SUM
+from jaxcalib.calibration.objective.accuracy import MOES, VEHICLE_LEVEL_SUM
 
 FEWEST_PAIRS = 3  # for an interval
 NUM_DRAWS = 2000
@@ -78,7 +78,7 @@ def _aspect(choose: Callable[[list[float]], float]) -> Callable[[Sequence[Pair]]
 def mean_errors(trials: Sequence[Trial]) -> dict[str, float | None]:
     """Return the mean of each error over trials; None where no trial has it."""
     means: dict[str, float | None] = {}
-    for name in MEASURE_OF:
+    for name in MOES:
         known = [trial.errors[name] for trial in trials if trial.errors.get(name) is not None]
         means[name] = float(np.mean(np.asarray(known, float))) if known else None
     return means
@@ -178,7 +178,7 @@ def summary_table(trials: Sequence[Trial]) -> pd.DataFrame:
             float(np.mean([trial.sumo_runs for trial in of_method])),
             float(np.mean([trial.calibration_s for trial in of_method])),
         ]
-    rows = [*MEASURE_OF, VEHICLE_LEVEL_SUM, "surrogate_runs", "sumo_runs", "calibration_s"]
+    rows = [*MOES, VEHICLE_LEVEL_SUM, "surrogate_runs", "sumo_runs", "calibration_s"]
     floor = noise_floor_of(trials)
     table = {"measure": rows, **{name: [_rounded(one) for one in values] for name, values in columns.items()}}
     return pd.DataFrame(table | {"noise floor": [_rounded(floor.get(row)) for row in rows]})
@@ -189,7 +189,7 @@ def noise_floor_of(trials: Sequence[Trial]) -> dict[str, float | None]:
     methods = {trial.method for trial in trials}
     best = IMPROVED if IMPROVED in methods else next(iter(sorted(methods)))
     floors: dict[str, float | None] = {}
-    for name in MEASURE_OF:
+    for name in MOES:
         known = [trial.floor.get(name) for trial in trials if trial.method == best]
         known = [one for one in known if one is not None]
         floors[name] = float(np.mean(known)) if known else None

@@ -11,7 +11,7 @@ from sim_adapters.sumo.distant import DistantTypes
 from sim_adapters.sumo.driver import subject_control
 from sim_adapters.sumo.simulator import FrameFold, SensorRange, SumoSimulator, VehicleCounter
 from sim_adapters.units import METRES_PER_KILOMETRE
-from surrogate.loop.course import RunPlan
+from surrogate.loop.run_state import RunPlan
 from surrogate.loop.world import Clock
 from surrogate.road.perception import Sensor
 

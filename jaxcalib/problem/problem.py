@@ -14,11 +14,11 @@ from jaxcalib.case.case_file import FILE_NAME
 from jaxcalib.errors import CaseError, quote
 from jaxcalib.field.field_log import DriveLog, read_drives
 from jaxcalib.field.seen_range import range_warnings, seen_perception
-from jaxcalib.measures.drive_tally import DriveTally, drive_tally
+from jaxcalib.measures.drive_tally import DriveTally
 from jaxcalib.measures.lane_change import num_target_gap_classes
 from jaxcalib.measures.measure import Measure
 from jaxcalib.measures.observed_road import ObservedRoad, observe_road
-from jaxcalib.measures.registry import all_measures
+from jaxcalib.measures.registry import all_folds, all_measures
 from jaxcalib.measures.scene import MeasureSettings
 from jaxcalib.measures.whole_drive import WholeDriveFold
 from jaxcalib.problem.parameter_space import RANGES, behaviour_parameters
@@ -153,7 +153,8 @@ def read_problem(folder: Path | str, *, as_stated: bool = False) -> CalibrationP
         raise CaseError(error.file, "", error.message) from None
     if parts.subject.model.name == REPLAY:
         template = dataclasses.replace(template, logged_drives=_logged_drives(case, drives, parts))
-    tally = drive_tally(_measure_settings(case, observe_road(scenario), drives))
+    settings = _measure_settings(case, observe_road(scenario), drives)
+    tally = DriveTally(settings, all_folds(settings))
     check_inflows(template)
     longest_s = max(parts.scenario.duration_s - drive.depart_s for drive in case.drives)
     num_frames = FRAMES_STEP * int(np.ceil((longest_s / FRAME_INTERVAL_S + 2) / FRAMES_STEP))
@@ -171,7 +172,7 @@ def read_problem(folder: Path | str, *, as_stated: bool = False) -> CalibrationP
         template=template,
         tally=tally,
         fold=fold,
-        measures=all_measures(tally.settings),
+        measures=all_measures(settings),
         drives=drives,
         field_tally=np.stack(field_tally),
         range_warnings=range_warnings(stated, sensor),

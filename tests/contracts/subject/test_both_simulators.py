@@ -19,9 +19,9 @@ from sim_adapters.sumo.job import SumoRun
 from sim_adapters.sumo.simulator import SensorRange, SumoSimulator
 from sim_adapters.sumo.surroundings import Surroundings, vehicle_arrays
 from sim_adapters.world.world_builder import WorldTemplate, build_template
-from surrogate.lane_change.place import Place
-from surrogate.loop.course import RunPlan
+from surrogate.lane_change.vehicles_on_road import VehiclesOnRoad
 from surrogate.loop.moving import move_on
+from surrogate.loop.run_state import RunPlan
 from surrogate.loop.step import initial_state, look_up_lane, settle_lanes
 from surrogate.loop.world import Clock, World
 from surrogate.road.traffic_state import TrafficState, with_changes
@@ -107,7 +107,7 @@ def run_in_surrogate(run: SumoRun, template: WorldTemplate, first: int) -> np.nd
     vehicles = with_changes(
         vehicles, destination=jnp.where(vehicles.vehicle_class == world.subject_class, 0, destination).astype(jnp.int32)
     )
-    vehicles = look_up_lane(vehicles, Place(vehicles, world.road, jnp.asarray(head)))
+    vehicles = look_up_lane(vehicles, VehiclesOnRoad(vehicles, world.road, jnp.asarray(head)))
     state = initial_state(world, vehicles.row.shape[0])
     # SUMO stamps a frame with the beginning of the step at whose end it is taken
     step = round(times[first] / CLOCK.step_s) + 1

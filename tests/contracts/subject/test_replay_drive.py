@@ -12,12 +12,12 @@ import pytest
 from jaxcalib.problem.engines import sumo_engine
 from jaxcalib.problem.problem import CalibrationProblem, read_problem
 from sim_adapters.interface import RunRequest
-from sim_adapters.world.logged_drive import LoggedDrive, choose, replay_of, resample
+from sim_adapters.world.logged_drive import LoggedDrive, choose, logged_motion_of, resample
 from surrogate.effects.base import EffectSetting
 from surrogate.effects.registry import EFFECTS
 from surrogate.effects.settings import Effects, settings_table
-from surrogate.loop.course import RunPlan
 from surrogate.loop.moving import move_on
+from surrogate.loop.run_state import RunPlan
 from surrogate.loop.step import initial_state, settle_lanes
 from surrogate.loop.world import Clock, World
 from surrogate.road.perception import Sensor, perceive
@@ -58,7 +58,7 @@ def test_both_simulators_choose_the_same_drive() -> None:
     drives = [drive(300.0, 3005), drive(320.0, 3204, 41), drive(300.0, 3002, 35)]
     for depart_s in (300.0, 320.0, 999.0):
         for seed in range(5):
-            chosen = replay_of(drives, jnp.asarray(depart_s), jnp.asarray(seed))
+            chosen = logged_motion_of(drives, jnp.asarray(depart_s), jnp.asarray(seed))
             expected = choose(drives, depart_s, seed)
             assert int(chosen.log) == expected
             position, speed, row = chosen.at(jnp.asarray(drives[expected].first_step + 9))
@@ -68,7 +68,7 @@ def test_both_simulators_choose_the_same_drive() -> None:
             assert bool(chosen.is_over(jnp.asarray(end)))
             assert not bool(chosen.is_over(jnp.asarray(end - 1)))
     with pytest.raises(ValueError, match="expects logged drives"):
-        replay_of([], jnp.asarray(300.0), jnp.asarray(1))
+        logged_motion_of([], jnp.asarray(300.0), jnp.asarray(1))
 
 
 @pytest.mark.parametrize(

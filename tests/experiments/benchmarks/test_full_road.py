@@ -9,7 +9,7 @@ from experiments.benchmarks.full_road import SPACING_M, end_m, filled, stretched
 from sim_adapters.interface import ParameterLayout
 from sim_adapters.scenario.scenario import read_scenario
 from sim_adapters.world.world_builder import WorldTemplate, build_template
-from surrogate.loop.course import RunPlan
+from surrogate.loop.run_state import RunPlan
 from surrogate.loop.world import Clock
 from tests.places import CORRIDOR
 

@@ -5,11 +5,11 @@ from collections.abc import Callable, Mapping
 import jax.numpy as jnp
 import pytest
 
-from jaxcalib.measures.drive_tally import DriveTally, drive_tally
+from jaxcalib.measures.drive_tally import DriveTally
 from jaxcalib.measures.lane_change import num_target_gap_classes
 from jaxcalib.measures.measure import Measure, MeasureValue
 from jaxcalib.measures.observed_road import ObservedRoad
-from jaxcalib.measures.registry import all_measures
+from jaxcalib.measures.registry import all_folds, all_measures
 from jaxcalib.measures.scene import MeasureSettings
 from jaxcalib.measures.whole_drive import WholeDriveFold
 from surrogate.road.perception import PerceptionFrame
@@ -31,16 +31,15 @@ def road() -> ObservedRoad:
 
 @pytest.fixture(scope="session")
 def tally(road: ObservedRoad) -> DriveTally:
-    return drive_tally(
-        MeasureSettings(
-            road=road,
-            nominal_length_m=jnp.asarray(4.5),
-            least_speed_mps=jnp.asarray(2.0),
-            longest_headway_s=jnp.asarray(6.0),
-            num_tracks=NUM_TRACKS,
-            num_target_gap_classes=num_target_gap_classes(100.0, 60.0, 4.5),
-        )
+    settings = MeasureSettings(
+        road=road,
+        nominal_length_m=jnp.asarray(4.5),
+        least_speed_mps=jnp.asarray(2.0),
+        longest_headway_s=jnp.asarray(6.0),
+        num_tracks=NUM_TRACKS,
+        num_target_gap_classes=num_target_gap_classes(100.0, 60.0, 4.5),
     )
+    return DriveTally(settings, all_folds(settings))
 
 
 @pytest.fixture(scope="session")

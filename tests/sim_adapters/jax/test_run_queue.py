@@ -16,7 +16,7 @@ def drive(durations: list[int], batch: int) -> list[list[tuple[int, int]]]:
         most_left = int(queue.share_left * len(runs))
         lasts = sorted((left[run.number] for run in runs), reverse=True)[most_left]
         for run in runs:
-            run.course = "somewhere"
+            run.state = "somewhere"
             left[run.number] = max(0, left[run.number] - lasts)
             if left[run.number]:
                 queue.put_back(run)

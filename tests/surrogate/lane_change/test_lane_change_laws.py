@@ -12,8 +12,8 @@ import pytest
 
 from surrogate.inflow.inflow import ENTRANCE_STRIDE
 from surrogate.lane_change.decide import decide
-from surrogate.lane_change.place import Place
 from surrogate.lane_change.registry import LANE_CHANGE_MODELS, lane_change_model
+from surrogate.lane_change.vehicles_on_road import VehiclesOnRoad
 from surrogate.loop.world import World
 from surrogate.road.traffic_state import TrafficState
 from surrogate.vehicle.lane_change_model import LaneChangeModel, Reason
@@ -127,7 +127,7 @@ def test_derivatives_of_a_decision_are_finite(states: list[TrafficState], world:
 
     def numbers(model: LaneChangeModel, state: TrafficState) -> list[jax.Array]:
         changed = eqx.tree_at(lambda w: w.classes[0].lane_change, world, model)
-        found: Any = decide(Place(state.vehicles, world.road, state.head), changed.classes, 1.0, 0.1)
+        found: Any = decide(VehiclesOnRoad(state.vehicles, world.road, state.head), changed.classes, 1.0, 0.1)
         return [
             jnp.where(jnp.isfinite(leaf), leaf, 0.0) for leaf in jax.tree.leaves(found) if leaf.dtype == jnp.float32
         ]

@@ -13,8 +13,8 @@ from surrogate.car_following.idm import Idm
 from surrogate.lane_change.decide import decide
 from surrogate.lane_change.lc2013 import Lc2013
 from surrogate.lane_change.mobil import Appraisal, Mobil, appraise
-from surrogate.lane_change.place import Place
 from surrogate.lane_change.surroundings import following_of
+from surrogate.lane_change.vehicles_on_road import VehiclesOnRoad
 from surrogate.loop.step import initial_state
 from surrogate.loop.world import World
 from surrogate.road.traffic_state import TrafficState
@@ -218,7 +218,7 @@ def test_each_class_decides_by_its_own_model(
     lc2013 = corridor_world(19, 42.0, main=3300.0, on1=620.0)
     reluctant = mobil(changing_threshold_mps2=50.0)
     worlds = (lc2013, mixed_world, with_lane_change(lc2013, (reluctant, None)))
-    of_world = [jax.jit(lambda s, w: decide(Place(s.vehicles, w.road, s.head), w.classes, 1.0, STEP_S))] * 3
+    of_world = [jax.jit(lambda s, w: decide(VehiclesOnRoad(s.vehicles, w.road, s.head), w.classes, 1.0, STEP_S))] * 3
     num_different, num_free = 0, 0
     for state in states[60:150:10]:
         ours, mixed, strategic = (f(state, w) for f, w in zip(of_world, worlds, strict=True))
@@ -247,7 +247,7 @@ def test_an_unknown_lane_change_model_is_refused(corridor_world: Callable[..., W
     state = jax.eval_shape(lambda w: initial_state(w, 40), world)
     with pytest.raises(TypeError, match=r"lc2013, mobil, vissim.* got Other"):
         jax.eval_shape(
-            lambda s, w: decide(Place(s.vehicles, w.road, s.head), w.classes, 1.0, STEP_S),
+            lambda s, w: decide(VehiclesOnRoad(s.vehicles, w.road, s.head), w.classes, 1.0, STEP_S),
             state,
             with_lane_change(world, (Other(jnp.ones(())), None)),
         )

@@ -9,7 +9,7 @@ import numpy as np
 
 from sim_adapters.scenario.sumo_names import attribute_values, vehicle_class
 from sim_adapters.sumo.surroundings import Surroundings, vehicle_arrays
-from surrogate.lane_change.place import Place
+from surrogate.lane_change.vehicles_on_road import VehiclesOnRoad
 from surrogate.loop.kinematics import move
 from surrogate.loop.step import look_up_lane
 from surrogate.road.neighbours import own_leader
@@ -130,7 +130,7 @@ def _follow(
     """Return gap, speed and acceleration of the subject vehicle behind a leader with the given speeds, each step."""
     leader = jnp.argmax(vehicles.vehicle_class == CAR)
     subject = jnp.argmax(vehicles.vehicle_class == SUBJECT)
-    vehicles = look_up_lane(vehicles, Place(vehicles, road, head))
+    vehicles = look_up_lane(vehicles, VehiclesOnRoad(vehicles, road, head))
     one = jnp.ones_like(vehicles.speed_mps)
 
     def advance(carry: tuple[VehicleArrays, jax.Array], u: jax.Array) -> tuple:
@@ -215,7 +215,7 @@ def _second(
 def _move_on(
     vehicles: VehicleArrays, head: jax.Array, road: Road, classes: tuple[VehicleClass, ...], held: jax.Array
 ) -> VehicleArrays:
-    vehicles = look_up_lane(vehicles, Place(vehicles, road, head))
+    vehicles = look_up_lane(vehicles, VehiclesOnRoad(vehicles, road, head))
     is_subject = vehicles.vehicle_class == SUBJECT
     vehicles = with_changes(vehicles, own_advice_mps2=jnp.where(is_subject, held, jnp.inf))
     one = jnp.ones_like(vehicles.speed_mps)

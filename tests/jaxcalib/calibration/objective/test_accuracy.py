@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from jaxcalib.calibration.objective.accuracy import (
-    MEASURE_OF,
+    MOES,
     VEHICLE_LEVEL,
     Effectiveness,
     cut_in_error,
@@ -12,9 +12,13 @@ from jaxcalib.calibration.objective.accuracy import (
     vehicle_level_of,
 )
 from jaxcalib.calibration.objective.bootstrap import bootstrap_errors, interval_of
-from jaxcalib.measures.measure import Level, Measure
+from jaxcalib.measures.measure import Measure, Moe
+from jaxcalib.measures.registry import judged_measures
 
-MEASURES = {name: Measure(name, "", Level.VEHICLE, f"{name}.sum", f"{name}.count") for name in set(MEASURE_OF.values())}
+MEASURES = {
+    name: Measure(name, "", moe.level, f"{name}.sum", f"{name}.count", moe=moe)
+    for name, moe in zip(judged_measures(), Moe, strict=True)
+}
 NAMES = tuple(f"{name}.{part}" for name in MEASURES for part in ("sum", "count"))
 
 
@@ -102,9 +106,9 @@ def test_an_error_that_the_field_never_shows_has_no_samples():
 
 
 def test_the_sum_of_simulated_sets_has_the_terms_that_the_field_has():
-    seen = Effectiveness({name: 0.1 for name in MEASURE_OF} | {VEHICLE_LEVEL[2]: None}, {})
-    whole = Effectiveness({name: 0.2 for name in MEASURE_OF}, {})
-    lacking = Effectiveness({name: 0.2 for name in MEASURE_OF} | {VEHICLE_LEVEL[0]: None}, {})
+    seen = Effectiveness({name: 0.1 for name in MOES} | {VEHICLE_LEVEL[2]: None}, {})
+    whole = Effectiveness({name: 0.2 for name in MOES}, {})
+    lacking = Effectiveness({name: 0.2 for name in MOES} | {VEHICLE_LEVEL[0]: None}, {})
     (found,) = vehicle_level_of([whole, lacking], seen)
     assert found == pytest.approx(0.2 * (len(VEHICLE_LEVEL) - 1))
     assert vehicle_level_of([lacking], seen) == []

@@ -1,4 +1,4 @@
-"""Where vehicles are, and what the road's tables say there."""
+"""Vehicles, and what the road's tables say where they are."""
 
 from collections.abc import Callable
 from copy import copy
@@ -62,8 +62,8 @@ def guide_table(road: Road) -> Int[Array, "destination row segment"]:
     return word
 
 
-class Place:
-    """Where vehicles are: their segments, and the road tables read there. Not a record: lives within one trace.
+class VehiclesOnRoad:
+    """Vehicles, their segments, and the road tables read there. Not a record: lives within one trace.
 
     Attributes:
         road: the road.
@@ -92,7 +92,7 @@ class Place:
         self._guide = guide_table(road)
         ends = road.end_position_m
         rows = jnp.arange(road.num_rows, dtype=jnp.int32)
-        # entry ahead of each place where a lane ends for somebody, per row: counts the vehicles up to there
+        # entry ahead of each point at which a lane ends for somebody, per row: counts the vehicles up to there
         self._end_entry = entry_ahead(
             jnp.broadcast_to(ends, (road.num_rows, ends.shape[0])),
             jnp.broadcast_to(rows[:, None], (road.num_rows, ends.shape[0])),
@@ -100,8 +100,8 @@ class Place:
             head,
         ).reshape(-1)
 
-    def part(self, of: Callable[[Any], Any]) -> "Place":
-        """Return the place of some of the vehicles.
+    def part(self, of: Callable[[Any], Any]) -> "VehiclesOnRoad":
+        """The same for some of the vehicles.
 
         Args:
             of: takes their part of arrays, see `surrogate.xla.tiles`.

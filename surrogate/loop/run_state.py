@@ -1,6 +1,6 @@
-"""Where runs are: what is known of them by now, and all that it takes to go on with them."""
+"""The state of a batch of runs: what is known of them by now, and all that it takes to go on with them."""
 
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -41,7 +41,7 @@ class RunRecord(eqx.Module):
         num_on_road: most vehicles on the road at once, sampled at each block's end.
         num_vehicle_steps: vehicles on the road, summed over steps; counted at the ends of blocks.
         num_collisions: vehicle steps with overlapping vehicles.
-        num_subject_overlaps: steps in which a replayed subject vehicle overlaps another vehicle.
+        num_subject_overlaps: steps in which a subject vehicle that repeats its log overlaps another vehicle.
         num_lost: newcomers that found the arrays full; a run with any is not valid.
         num_lane_changes: lane changes on the whole road by reason.
         subject_entered: whether the subject vehicle, each of them if there are several, found its way onto the road.
@@ -89,9 +89,56 @@ class RunPlan(eqx.Module):
         """Steps from a frame to a decision; SUMO changes lanes anywhere between two frames, here it is the middle."""
         return min(self.steps_per_frame, self.clock.steps_per_decision) // 2
 
+    @property
+    def frames(self) -> "FramePlan":
+        """How steps, decisions and frames interleave."""
+        per_decision, per_frame = self.clock.steps_per_decision, self.steps_per_frame
+        per_cycle, steps_before = max(per_frame, per_decision), self.steps_before_decision
+        return FramePlan(
+            decisions_per_frame=max(1, per_frame // per_decision),
+            frames_per_decision=max(1, per_decision // per_frame),
+            steps_before=steps_before,
+            steps_after=min(per_frame, per_decision) - steps_before,
+            cycles_per_block=max(1, round(self.block_s / self.clock.step_s / per_cycle)),
+            steps_per_cycle=per_cycle,
+            steps_per_frame=per_frame,
+        )
 
-class Course(eqx.Module):
-    """Where a batch of runs is. All leaves have a leading axis for runs, and one run's part stands for itself.
+
+class FramePlan(NamedTuple):
+    """How steps, decisions and frames interleave; a cycle ends with a frame, a block is a number of cycles.
+
+    Attributes:
+        decisions_per_frame: decisions from one frame to the next; 1 if frames are more frequent.
+        frames_per_decision: frames from one decision to the next; 1 if decisions are more frequent.
+        steps_before: steps from a frame to the decision.
+        steps_after: steps from there to the next frame or, if it is farther, the next decision's part.
+        cycles_per_block: cycles in a block.
+        steps_per_cycle: steps in a cycle.
+        steps_per_frame: steps from frame to frame.
+    """
+
+    decisions_per_frame: int
+    frames_per_decision: int
+    steps_before: int
+    steps_after: int
+    cycles_per_block: int
+    steps_per_cycle: int
+    steps_per_frame: int
+
+    @property
+    def steps_per_block(self) -> int:
+        """Steps in a block."""
+        return self.cycles_per_block * self.steps_per_cycle
+
+    @property
+    def steps_unseen(self) -> int:
+        """Steps from a decision to the end of its cycle."""
+        return self.steps_after + (self.frames_per_decision - 1) * self.steps_per_frame
+
+
+class RunState(eqx.Module):
+    """State of a batch of runs. All leaves have a leading axis for runs, and one run's part stands for itself.
 
     Attributes:
         states: their roads.

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from sim_adapters.world.world_builder import WorldTemplate
-from surrogate.lane_change.place import NO_ROW, Guide, guide_table
+from surrogate.lane_change.vehicles_on_road import NO_ROW, Guide, guide_table
 
 
 def test_a_word_holds_what_the_tables_say(template: WorldTemplate):
