@@ -124,7 +124,7 @@ def fit_following(
     out
         Folder for the results.
     model
-        idm, iidm, acc, krauss, w99-sumo128, w99-vissim, gipps, ghr, fvd or aovrv.
+        Car-following model, for example idm, krauss or w99-sumo128; docs/parameters.md lists them all.
     held_out_share
         Last part of each pair that is not fitted but judged.
     drop_bad_pairs

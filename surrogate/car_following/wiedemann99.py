@@ -12,8 +12,10 @@ from typing import ClassVar
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from surrogate.car_following.common_parameters import EMERGENCY
 from surrogate.car_following.late_braking import LateBrakingModel
 from surrogate.vehicle.car_following_model import FollowingSituation
+from surrogate.vehicle.model_entry import ModelEntry, Parameter
 
 Value = Float[Array, "..."]
 SPEED_OF_CC9_MPS = 80.0 / 3.6
@@ -184,3 +186,24 @@ def _regimes(
     is_closing = (dv < sdvc) & (dx < sdxv)
     is_following = (dv < sdvo) & (dx < sdxo)
     return jnp.where(is_too_close, too_close, jnp.where(is_closing, brake, jnp.where(is_following, follow, keep)))
+
+
+# SUMO takes decel for stops and lane changes only, so pairs do not show it
+WIEDEMANN_99_ROWS = (
+    Parameter("cc0_standstill_gap_m", 1.5, 0.5, 5.0, is_logarithmic=True),
+    Parameter("cc1_time_gap_s", 0.9, 0.3, 3.0, traffic=(0.4, 3.0), is_logarithmic=True),
+    Parameter("cc2_following_variation_m", 4.0, 0.5, 15.0, traffic=(1.0, 15.0), is_logarithmic=True),
+    Parameter("cc3_following_threshold_s", -8.0, -30.0, -2.0, traffic=(-20.0, -3.0)),
+    Parameter("cc4_negative_speed_threshold_mps", -0.35, -2.0, -0.05, traffic=(-2.0, -0.02)),
+    Parameter("cc5_positive_speed_threshold_mps", 0.35, 0.05, 2.0, traffic=(0.02, 2.0)),
+    Parameter("cc6_oscillation_speed_dependency", 11.44, 0.5, 20.0, traffic=(0.0, 20.0), own_unit="1e-4/(m s)"),
+    Parameter("cc7_oscillation_acceleration_mps2", 0.25, 0.02, 1.0, traffic=(0.02, 1.2), is_logarithmic=True),
+    Parameter("cc8_standstill_acceleration_mps2", 2.5, 0.5, 4.0, traffic=(0.5, 5.0), is_logarithmic=True),
+    Parameter("cc9_acceleration_at_80kmh_mps2", 1.5, 0.3, 3.0, traffic=(0.1, 4.0), is_logarithmic=True),
+    Parameter("max_deceleration_mps2", 4.5, 1.0, 9.0, is_logarithmic=True, step=0.12, is_fitted=False),
+)
+WIEDEMANN_99_SOURCE = "bounds of PTV's and pvctools' calibrations"
+WIEDEMANN_99_SUMO = ModelEntry(
+    "w99-sumo128", "Wiedemann 99 as SUMO 1.28 computes it", Wiedemann99Sumo,
+    WIEDEMANN_99_ROWS, EMERGENCY, WIEDEMANN_99_SOURCE,
+)  # fmt: skip

@@ -49,8 +49,16 @@ from typing import ClassVar
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from surrogate.car_following.wiedemann99 import HARDEST_BRAKING_MPS2, SPEED_OF_CC9_MPS, Wiedemann99
+from surrogate.car_following.common_parameters import EMERGENCY
+from surrogate.car_following.wiedemann99 import (
+    HARDEST_BRAKING_MPS2,
+    SPEED_OF_CC9_MPS,
+    WIEDEMANN_99_ROWS,
+    WIEDEMANN_99_SOURCE,
+    Wiedemann99,
+)
 from surrogate.vehicle.car_following_model import FollowingSituation
+from surrogate.vehicle.model_entry import ModelEntry
 
 Value = Float[Array, "..."]
 LEADER_BRAKES_BELOW_MPS2 = -1.0
@@ -146,3 +154,9 @@ def free_acceleration_mps2(model: Wiedemann99Vissim, speed_mps: Value) -> Value:
 def vissim_from_sumo(model: Wiedemann99) -> Wiedemann99Vissim:
     """Return VISSIM's model with the parameters of another W99, e.g. the one that SUMO's attributes give."""
     return Wiedemann99Vissim(**{field.name: getattr(model, field.name) for field in dataclasses.fields(model)})  # pyright: ignore[reportCallIssue]
+
+
+WIEDEMANN_99_VISSIM = ModelEntry(
+    "w99-vissim", "Wiedemann 99 as VISSIM means it", Wiedemann99Vissim,
+    WIEDEMANN_99_ROWS, EMERGENCY, WIEDEMANN_99_SOURCE,
+)  # fmt: skip
