@@ -1,4 +1,4 @@
-"""A car-following model is one file and its line in the registry; a row of a table more lets SUMO's scenarios name it."""
+"""A car-following model is one file and its line in the registry; one row more, and scenarios may name it."""
 
 import os
 import re
@@ -50,10 +50,10 @@ HELLY = ModelEntry(
 )
 '''
 IMPORT = "from surrogate.car_following.helly import HELLY\n"
-ROW = '''    "Helly": SumoModel(
+ROW = """    "Helly": SumoModel(
         HELLY, (*_BASIC, following("lambda", "speed_rate_1ps", 1.0), following("mu", "gap_rate_1ps2", 0.25, 0.5))
     ),
-'''
+"""
 
 
 def insert(file: Path, before: str, text: str) -> None:
