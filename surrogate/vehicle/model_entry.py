@@ -8,7 +8,7 @@ from typing import Any, Generic, TypeVar
 import equinox as eqx
 import jax.numpy as jnp
 
-Model = TypeVar("Model", bound=eqx.Module)
+Model = TypeVar("Model", bound=eqx.Module, covariant=True)
 
 
 class UnknownModelError(ValueError):
