@@ -10,7 +10,8 @@ from types import FrameType
 
 from jaxcalib.cli.guarded import guarded
 from jaxcalib.errors import CaseError
-from jaxcalib.runs.sweep_progress import Silent, TerminalSweepProgress
+from jaxcalib.runs.progress import Silent
+from jaxcalib.runs.sweep_progress import TerminalSweepProgress
 from jaxcalib.sweeps.plan import Engine
 from jaxcalib.sweeps.sweep import SweepResult, merge_shards, sweep
 

@@ -18,8 +18,9 @@ from jaxcalib.problem.parameter_space import ParameterSpace, parameter_space, ro
 from jaxcalib.problem.problem import CalibrationProblem, read_problem
 from jaxcalib.problem.settings import Settings, read_settings
 from jaxcalib.runs.disk import writing_to
+from jaxcalib.runs.progress import Silent
 from jaxcalib.runs.run_folder import identify
-from jaxcalib.runs.sweep_progress import Silent, SweepProgress
+from jaxcalib.runs.sweep_progress import SweepProgress
 from jaxcalib.sweeps.columns import rows_of, sweep_schema
 from jaxcalib.sweeps.description import describe, identity_options
 from jaxcalib.sweeps.design import make_design
