@@ -216,9 +216,10 @@ def sweep(
     from jaxcalib.cli.sweep_command import SweepOptions, run_sweep
 
     options = SweepOptions(
-        case, out, design, seeds, engine, seed, parameters, settings, shard, merge, cluster, resume, quiet
-    )
-    return run_sweep(options)
+        design=design, seeds=seeds, engine=engine, seed=seed, parameters=parameters, settings=settings, shard=shard,
+        cluster=cluster, resume=resume,
+    )  # fmt: skip
+    return run_sweep(case, out, options, merge=merge, quiet=quiet)
 
 
 @app.command
