@@ -10,6 +10,7 @@ from experiments.paper.methods import IMPROVED, LABELS, NO_CALIBRATION, PRINTED,
 from experiments.paper.similarity import chance_at_least, chance_similarity, pair_shares
 from experiments.paper.trial import Trial
 from jaxcalib.calibration.objective.accuracy import MOES, VEHICLE_LEVEL_SUM
+from jaxcalib.statistics.bootstrap import percentile_interval
 
 FEWEST_PAIRS = 3  # for an interval
 NUM_DRAWS = 2000
@@ -199,11 +200,10 @@ def noise_floor_of(trials: Sequence[Trial]) -> dict[str, float | None]:
 def _interval(ours: Callable[[Sequence[Pair]], float | None], pairs: list[Pair]) -> tuple[float | None, float | None]:
     if len(pairs) < FEWEST_PAIRS:
         return None, None
-    rng = np.random.default_rng(0)
-    draws = [ours([pairs[i] for i in rng.integers(len(pairs), size=len(pairs))]) for _ in range(NUM_DRAWS)]
-    known = [one for one in draws if one is not None]
-    low, high = np.quantile(known, [0.05, 0.95]) if known else (None, None)
-    return low, high
+    interval = percentile_interval(
+        lambda drawn: ours([pairs[i] for i in drawn]), len(pairs), np.random.default_rng(0), NUM_DRAWS, (0.05, 0.95)
+    )
+    return interval or (None, None)
 
 
 def _chance(figure: PaperFigure, trials: Sequence[Trial]) -> float | None:

@@ -21,7 +21,7 @@ from jaxcalib.measures.observed_road import ObservedRoad, observe_road
 from jaxcalib.measures.registry import all_folds, all_measures
 from jaxcalib.measures.scene import MeasureSettings
 from jaxcalib.measures.whole_drive import WholeDriveFold
-from jaxcalib.problem.parameter_space import RANGES, behaviour_parameters
+from jaxcalib.problem.parameter_space import behaviour_parameters
 from jaxcalib.problem.problem_checks import (
     check_clock,
     check_drives,
@@ -33,6 +33,7 @@ from jaxcalib.problem.problem_checks import (
 from sim_adapters.errors import ScenarioError
 from sim_adapters.interface import ParameterLayout
 from sim_adapters.scenario.scenario import Scenario, read_scenario
+from sim_adapters.scenario.sumo_names import SUMO_MODELS
 from sim_adapters.world.logged_drive import LoggedDrive, resample
 from sim_adapters.world.world_builder import WorldTemplate, build_template
 from surrogate.subject.registry import REPLAY
@@ -201,8 +202,8 @@ def _logged_drives(case: Case, drives: tuple[DriveLog, ...], parts: ScenarioPart
 
 def _layout(parts: ScenarioParts) -> ParameterLayout:
     model = parts.behaviour.car_following
-    if model not in RANGES:
-        known = ", ".join(RANGES)
+    if model not in SUMO_MODELS:
+        known = ", ".join(SUMO_MODELS)
         raise CaseError(FILE_NAME, "behaviour.car_following", f"expected one of {known}, got {quote(model)}.")
     return ParameterLayout(
         input_ids=tuple(entrance.id for entrance in parts.inputs),

@@ -9,7 +9,7 @@ from sim_adapters.scenario.demand_file import Demand, Flow, read_demand
 from sim_adapters.scenario.road_builder import RowMap, lay_rows
 from sim_adapters.scenario.route_network import RouteNetwork, read_route_network
 from sim_adapters.scenario.sumo_files import SumoConfiguration, read_configuration, read_xml
-from sim_adapters.scenario.sumo_names import MODELS, attribute_values
+from sim_adapters.scenario.sumo_names import SUMO_MODELS, attribute_values
 
 
 @dataclass(frozen=True)
@@ -50,10 +50,10 @@ class Scenario:
             ScenarioError: the surrogate does not have it.
         """
         model = self.demand.vtypes[vtype].get("carFollowModel", "Krauss")
-        if model not in MODELS:
+        if model not in SUMO_MODELS:
             raise ScenarioError(
                 self.demand.file,
-                f"vType '{vtype}': carFollowModel: expected one of {', '.join(MODELS)}, got '{model}'.",
+                f"vType '{vtype}': carFollowModel: expected one of {', '.join(SUMO_MODELS)}, got '{model}'.",
             )
         return model
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from sim_adapters.scenario.scenario import Scenario
-from sim_adapters.scenario.sumo_names import attribute_values
+from sim_adapters.scenario.sumo_names import attribute_values, habit_attributes
 from surrogate.effects.base import EffectSetting
 from surrogate.effects.driver_heterogeneity import SPEED_SHARE
 from surrogate.effects.heavy_vehicles import (
@@ -27,12 +27,6 @@ from surrogate.effects.memory import MEMORY
 from surrogate.effects.platooned_arrivals import HEADWAY_S, REGULAR_SHARE, SIZE
 
 NUM_TYPES = 40  # of drivers who differ
-# What a driver's time gap, acceleration and deceleration are called, by car-following model.
-HABITS = {
-    "IDM": ("tau", "accel", "decel"),
-    "Krauss": ("tau", "accel", "decel"),
-    "W99": ("cc1", "cc8", "decel"),
-}
 
 
 class NotExpressibleError(ValueError):
@@ -130,7 +124,7 @@ def _acceleration_noise(draft: Draft, setting: EffectSetting) -> None:
 def _driver_heterogeneity(draft: Draft, setting: EffectSetting) -> None:
     random = np.random.default_rng(draft.seed)
     for vtype in draft.vtypes(draft.background):
-        names = HABITS[draft.scenario.model_of(vtype.get("id", ""))]
+        names = habit_attributes(draft.scenario.model_of(vtype.get("id", "")))
         spreads = dict.fromkeys(names, setting.strength) | {"speedFactor": SPEED_SHARE * setting.strength}
         parts = []
         for _ in range(NUM_TYPES):
@@ -179,7 +173,7 @@ def _heavy_vehicles(draft: Draft, setting: EffectSetting) -> None:
         lorry = deepcopy(vtype)
         lorry.set("length", repr(LENGTH_M))
         lorry.set("maxSpeed", repr(min(TOP_SPEED_MPS, draft.number(vtype, "maxSpeed"))))
-        habits = HABITS[draft.scenario.model_of(vtype.get("id", ""))]
+        habits = habit_attributes(draft.scenario.model_of(vtype.get("id", "")))
         for attribute, factor in zip(habits, factors, strict=True):
             lorry.set(attribute, repr(factor * draft.number(vtype, attribute)))
         draft.divide(vtype, [(1.0 - setting.strength, deepcopy(vtype)), (setting.strength, lorry)])

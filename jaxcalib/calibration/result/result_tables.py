@@ -27,9 +27,9 @@ from jaxcalib.calibration.stages.screening import Screening
 from jaxcalib.case.case import ROLES, Role
 from jaxcalib.measures.measure import MeasureValue
 from jaxcalib.runs.run_folder import LIBRARIES
+from jaxcalib.statistics.normal import HALF_WIDTH_90
 from sim_adapters.interface import RunOutcome
 
-NORMAL_90 = 1.645
 NEAR_BOUND = 0.005  # of the unit range
 SEARCH_PARTS = ("stage1", "stage2_exploration", "stage2_optimisation", "corrected_search")
 
@@ -167,8 +167,8 @@ def _measured(
 def _parameter_table(record: CalibrationRecord) -> dict[str, Interval]:
     space, best = record.initial.space, record.confirmation.best
     error = parameter_errors(record)
-    low = space.values_of((best - NORMAL_90 * error)[None])[0]
-    high = space.values_of((best + NORMAL_90 * error)[None])[0]
+    low = space.values_of((best - HALF_WIDTH_90 * error)[None])[0]
+    high = space.values_of((best + HALF_WIDTH_90 * error)[None])[0]
     values = space.values_of(best[None])[0]
     table = {}
     for place, name in enumerate(space.names):

@@ -12,7 +12,7 @@ from experiments.optimisers.__main__ import app
 from experiments.optimisers.course import Budget, run_course
 from experiments.optimisers.interface import Optimiser, Setting, Told
 from experiments.optimisers.known_functions import FunctionProblem
-from experiments.optimisers.ranking import all_rank_tables, holm, rank_table, summary_table
+from experiments.optimisers.ranking import all_rank_tables, rank_table, summary_table
 from experiments.optimisers.registry import OPTIMISERS
 from jaxcalib.errors import CaseError
 from tests.places import CORRIDOR
@@ -117,12 +117,6 @@ def test_equal_time_ends_by_the_clock_of_optimiser_and_evaluations(tmp_path: Pat
     assert rows[-1]["num_evaluated"] == 9
     assert (rows[-1]["optimiser_s"], rows[-1]["evaluation_s"]) == (2.0, 6.0)
     assert {row["budget"] for row in rows} == {"wall_time"}
-
-
-def test_holm_is_holms():
-    """By hand: 3 * 0.01, 2 * 0.02, 1 * 0.03 made monotonous."""
-    found = holm(np.asarray([0.03, np.nan, 0.01, 0.02]))
-    np.testing.assert_allclose(found, [0.04, np.nan, 0.03, 0.04])
 
 
 def test_ranks_are_those_of_scipy_and_the_clear_winner_is_first():

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from jaxcalib.validation.comparison import compare_trajectories
 from jaxcalib.validation.distributions import BORDERS, distances
 from jaxcalib.validation.observer import ObservedDrives
-from jaxcalib.validation.prediction import exceedance, holm, predict, upper_limit
+from jaxcalib.validation.prediction import exceedance, predict, upper_limit
 from jaxcalib.validation.trajectories import CELL_M, passing_rmse_s, route_grid, speed_rmse_mps, travel_times_s
 
 
@@ -37,12 +37,6 @@ def test_too_few_rounds_predict_nothing():
     assert predict(np.asarray([1.0, np.nan, 2.0]), 1.5) is None
     assert np.isnan(upper_limit(np.asarray([1.0, 2.0])))
     assert np.isnan(exceedance(np.asarray([1.0, 2.0]), 3.0))
-
-
-def test_holm():
-    """The example of Holm's rule with p = 0.01, 0.04, 0.03, 0.005: factors 3, 1, 2, 4, and never falling."""
-    found = holm(np.asarray([0.01, 0.04, np.nan, 0.03, 0.005]))
-    np.testing.assert_allclose(found, [0.03, 0.06, np.nan, 0.06, 0.02])
 
 
 @given(shift=st.integers(1, 60), name=st.sampled_from(sorted(BORDERS)))

@@ -15,6 +15,7 @@ from jaxcalib.diagnosis.inference.ledger import parameter_shift
 from jaxcalib.diagnosis.inference.refit import refit
 from jaxcalib.diagnosis.inference.refitted_contest import contenders, with_refits
 from jaxcalib.diagnosis.runs.explained_runs import ExplainedRuns, moved_values
+from jaxcalib.statistics.normal import HALF_WIDTH_90
 from tests.jaxcalib.diagnosis.synthetic import made_up_null
 
 NULL = made_up_null(num_features=60)
@@ -119,7 +120,7 @@ def test_the_interval_holds_by_how_far_simulators_disagree():
     assert differ.strength == pytest.approx(alike.strength, abs=0.03)  # SUMO's
     narrow, wide = (one.interval_90[1] - one.strength for one in (alike, differ))
     disagreement = (1.0 / 0.8 - 1.0) * TRUE_STRENGTH
-    assert wide == pytest.approx(np.hypot(narrow, 1.645 * disagreement / np.sqrt(2.0)), rel=0.3)
+    assert wide == pytest.approx(np.hypot(narrow, HALF_WIDTH_90 * disagreement / np.sqrt(2.0)), rel=0.3)
 
 
 @pytest.mark.parametrize("maker", [Made(in_sumo=False), Made(sensor=True)], ids=["surrogate alone", "sensor"])
