@@ -8,11 +8,11 @@ import numpy as np
 
 from jaxcalib.calibration.stages.evaluator import AllRunsFailedError
 from jaxcalib.diagnosis.features.altered_drives import ALTERATIONS, RHYTHMS
-from jaxcalib.diagnosis.features.drive_features import COARSE_S, DriveFeatures
+from jaxcalib.diagnosis.features.drive_features import DriveFeatures
 from jaxcalib.diagnosis.features.drive_table import DriveTable, as_logged, drive_table
 from jaxcalib.diagnosis.features.features import DriveTallies, TallyBook, gather_tallies
 from jaxcalib.diagnosis.features.identities import count_identities
-from jaxcalib.problem.problem import CalibrationProblem
+from jaxcalib.problem.problem import FRAME_INTERVAL_S, CalibrationProblem
 from sim_adapters.interface import RunRequest
 from sim_adapters.shared_runs import departures_apart, departures_s, drives_worth
 from sim_adapters.sumo.simulator import SensorRange, SumoSimulator
@@ -66,8 +66,8 @@ def fine_interval_s(problem: CalibrationProblem) -> float:
     sampled_s = max(float(np.median(np.diff(drive.subject.time_s))) for drive in problem.drives)
     steps = max(1, round(sampled_s / step_s))
     interval_s = steps * step_s
-    whole = abs(COARSE_S / interval_s - round(COARSE_S / interval_s)) < 1e-6
-    return interval_s if whole and interval_s < COARSE_S else COARSE_S
+    whole = abs(FRAME_INTERVAL_S / interval_s - round(FRAME_INTERVAL_S / interval_s)) < 1e-6
+    return interval_s if whole and interval_s < FRAME_INTERVAL_S else FRAME_INTERVAL_S
 
 
 def alterations_of(strengths: Mapping[str, Sequence[float]], interval_s: float) -> list[tuple[str, float]]:
@@ -81,7 +81,7 @@ def alterations_of(strengths: Mapping[str, Sequence[float]], interval_s: float) 
     # a log can be late by its own steps only
     late = {max(1, round(strength / interval_s)) * interval_s for strength in strengths["sensor_latency"]}
     chosen += [("sensor_latency", strength) for strength in sorted(late)]
-    if interval_s < COARSE_S:
+    if interval_s < FRAME_INTERVAL_S:
         for name in RHYTHMS:
             grid = LANE_CHANGE_S if name == "lane_change_duration" else RHYTHM_S
             chosen += [(name, strength) for strength in grid]
