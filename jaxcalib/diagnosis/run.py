@@ -15,7 +15,6 @@ from jaxcalib.diagnosis.answer.answer import Diagnosis
 from jaxcalib.diagnosis.answer.conclusion import conclude, refuse
 from jaxcalib.diagnosis.answer.findings import Findings
 from jaxcalib.diagnosis.answer.remarks import FEW_DRIVES, aliased_effects
-from jaxcalib.diagnosis.features.drive_table import drive_table
 from jaxcalib.diagnosis.features.features import DriveTallies
 from jaxcalib.diagnosis.inference.atlas import EffectTrial, effect_trials
 from jaxcalib.diagnosis.inference.baseline import BaselineMaker
@@ -50,6 +49,7 @@ from jaxcalib.runs.seeds import MOST_SEED, SEEDS_PER_CALIBRATION
 from jaxcalib.runs.stopwatch import Stopwatch
 from sim_adapters.scenario.sumo_effects import is_expressible
 from surrogate.effects.registry import EFFECTS
+from surrogate.road.drive_table import drive_table
 
 RECALIBRATION_SCALE = 0.5  # of the calibration's numbers of runs; the last step is taken on all features anyway
 TRIAL_SEED = 800_000

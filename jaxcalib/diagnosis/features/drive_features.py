@@ -5,11 +5,11 @@ from dataclasses import dataclass
 
 from jaxcalib.diagnosis.features.closed_loop import count_closed_loop
 from jaxcalib.diagnosis.features.conventions import Conventions, ExpectedDrivers
-from jaxcalib.diagnosis.features.drive_table import DriveTable
 from jaxcalib.diagnosis.features.features import TallyBook
 from jaxcalib.diagnosis.features.identities import count_identities
 from jaxcalib.diagnosis.features.replay import count_replay
 from jaxcalib.problem.problem import FRAME_INTERVAL_S
+from surrogate.road.drive_table import DriveTable
 
 
 @dataclass(frozen=True)

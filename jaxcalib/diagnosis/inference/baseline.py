@@ -14,7 +14,6 @@ import numpy as np
 from jaxcalib.calibration.stages.evaluator import AllRunsFailedError
 from jaxcalib.diagnosis.features.conventions import conventions_of, expected_drivers
 from jaxcalib.diagnosis.features.drive_features import DriveFeatures
-from jaxcalib.diagnosis.features.drive_table import DriveTable
 from jaxcalib.diagnosis.features.features import DriveTallies, gather_tallies, joined_tallies
 from jaxcalib.diagnosis.features.noise import NullModel
 from jaxcalib.diagnosis.inference.atlas import parameter_trials
@@ -30,6 +29,7 @@ from jaxcalib.diagnosis.runs.trial_engine import trial_runner
 from jaxcalib.diagnosis.runs.trials import Trial, TrialRunner, has_pairs, paired_difference
 from jaxcalib.problem.problem import CalibrationProblem
 from jaxcalib.runs.progress import Progress
+from surrogate.road.drive_table import DriveTable
 
 MOST_ROUNDS = 3
 FAR_STEPS = 3.0  # beyond them a linear shift of parameters is no longer to be trusted

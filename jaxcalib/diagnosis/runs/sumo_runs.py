@@ -6,15 +6,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from jaxcalib.calibration.stages.evaluator import AllRunsFailedError
-from jaxcalib.diagnosis.features.altered_drives import ALTERATIONS
 from jaxcalib.diagnosis.features.drive_features import DriveFeatures
 from jaxcalib.diagnosis.features.features import DriveTallies, joined_tallies
 from jaxcalib.diagnosis.runs.null_runs import NullRuns, alterations_of, fine_interval_s, num_runs_for, run_null
 from jaxcalib.diagnosis.runs.plan import DiagnosisBudget
 from jaxcalib.diagnosis.runs.stages import Stages
 from jaxcalib.problem.problem import CalibrationProblem
-from surrogate.effects.base import Effect, EffectSetting
-from surrogate.effects.registry import EFFECTS
+from surrogate.effects.base import EffectSetting
+from surrogate.effects.registry import effect_named
 
 NULL_SEED, DEFAULT_SEED, CHECK_SEED, EXPLAINED_SEED = 600_000, 700_000, 900_000, 950_000
 
@@ -43,8 +42,7 @@ class SumoRuns:
 
     def first_null(self) -> NullRuns:
         """Return the first runs with the calibrated values, and altered versions of some: enough to see where to."""
-        strengths = {effect.name: _strengths(effect) for effect in EFFECTS}
-        alterations = alterations_of(strengths, fine_interval_s(self.problem))
+        alterations = alterations_of(fine_interval_s(self.problem))
 
         def make() -> dict[str, DriveTallies]:
             runs = run_null(
@@ -99,7 +97,7 @@ class SumoRuns:
         A sensor's effect is put into the drives that SUMO makes, any other by SUMO's own means.
         """
         num_runs, seed = self._runs_for(self.plan.refit_drives), self.first_seed + EXPLAINED_SEED
-        problem, is_altered = self.problem, name in ALTERATIONS
+        problem, is_altered = self.problem, effect_named(name).is_sensor_s
 
         def make() -> dict[str, DriveTallies]:
             alterations = [(name, strength)] if is_altered else []
@@ -133,8 +131,3 @@ class SumoRuns:
     @property
     def _key(self) -> str:
         return repr(self.values.tolist())
-
-
-def _strengths(effect: Effect) -> tuple[float, ...]:
-    several = (effect.weak, effect.medium, effect.strong)
-    return (*several, -effect.medium, -effect.strong) if effect.is_signed else several
