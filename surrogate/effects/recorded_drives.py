@@ -44,16 +44,17 @@ def sense_table(table: DriveTable, effect: Effect, strength: float, log: LogForm
     """A recorded drive as a sensor's effect reports it, frame by frame; what leaves the range is gone."""
     frames = _frames_of(table, log)
     settings = Effects(jnp.asarray(settings_table({effect.name: EffectSetting(strength)})))
-    sensed = jax.tree.map(np.asarray, _sense(EFFECTS, frames, settings, jnp.asarray(seed, jnp.int32)))
+    sensed = _sense(EFFECTS, frames, settings, jnp.asarray(seed, jnp.int32))
     num_frames = len(table.time_s)
-    # what single precision does to what no sensor touched is taken off
-    own = {
-        name: getattr(table, name) + (getattr(sensed, name) - getattr(frames, name)).astype(np.float64)[:num_frames]
-        for name in ("subject_speed_mps", "subject_acceleration_mps2")
-    }
+
+    def change_of(name: str) -> np.ndarray:
+        """What the sensors change of the subject vehicle's own state, without the rounding of single precision."""
+        return np.asarray(getattr(sensed, name) - getattr(frames, name), np.float64)[:num_frames]
+
+    own = {name: getattr(table, name) + change_of(name) for name in ("subject_speed_mps", "subject_acceleration_mps2")}
     reported = drive_table(jax.tree.map(lambda leaf: leaf[:num_frames], sensed), table.interval_s)
-    moved_m = (sensed.subject_position_m - frames.subject_position_m).astype(np.float64)[:num_frames]
-    position_m = (_subject_position_m(table) + moved_m)[reported.instant] + reported.offset_m
+    subject_m = _subject_position_m(table) + change_of("subject_position_m")
+    position_m = subject_m[reported.instant] + reported.offset_m
     seen = (reported.offset_m <= log.ahead_m) & (reported.offset_m >= -log.behind_m)
     reported = dataclasses.replace(reported, time_s=table.time_s, position_m=position_m, **own).select(seen)
     return as_logged(reported.sorted(), log)
@@ -79,17 +80,17 @@ def _frames_of(table: DriveTable, log: LogFormat) -> PerceptionFrame:
     num_instants = len(table.time_s)
     number = np.bincount(table.instant, minlength=num_instants)
     first = np.cumsum(number) - number
-    place = np.arange(len(table.instant)) - first[table.instant]
+    entry = np.arange(len(table.instant)) - first[table.instant]
     num_frames = _filled_up(num_instants, FRAMES_STEP)
     shape = (num_frames, _filled_up(int(number.max(initial=1)), OBJECTS_STEP))
 
-    def objects(values: np.ndarray, dtype: type, empty: float = 0) -> np.ndarray:
+    def objects(values: np.ndarray, dtype: type, empty: float = 0) -> jax.Array:
         filled = np.full(shape, empty, dtype)
-        filled[table.instant, place] = values
-        return filled
+        filled[table.instant, entry] = values
+        return jnp.asarray(filled)
 
-    def instants(values: np.ndarray, dtype: type = np.float32) -> np.ndarray:
-        return np.pad(values.astype(dtype), (0, num_frames - num_instants))
+    def instants(values: np.ndarray, dtype: type = np.float32) -> jax.Array:
+        return jnp.asarray(np.pad(values.astype(dtype), (0, num_frames - num_instants)))
 
     return PerceptionFrame(
         time_s=instants(table.time_s),
@@ -97,7 +98,7 @@ def _frames_of(table: DriveTable, log: LogFormat) -> PerceptionFrame:
         subject_position_m=instants(_subject_position_m(table)),
         subject_speed_mps=instants(table.subject_speed_mps),
         subject_acceleration_mps2=instants(table.subject_acceleration_mps2),
-        num_lanes=np.zeros(num_frames, np.float32),
+        num_lanes=jnp.zeros(num_frames, jnp.float32),
         object_valid=objects(np.ones(len(table.instant)), bool),
         object_is_subject=objects(table.is_subject, bool),
         object_track=objects(table.track, np.int32, NO_TRACK),
@@ -105,8 +106,8 @@ def _frames_of(table: DriveTable, log: LogFormat) -> PerceptionFrame:
         object_offset_m=objects(table.offset_m, np.float32),
         object_speed_mps=objects(table.speed_mps, np.float32),
         object_lateral_m=objects(table.lateral_m, np.float32),
-        ahead_m=np.full(num_frames, log.ahead_m, np.float32),
-        behind_m=np.full(num_frames, log.behind_m, np.float32),
+        ahead_m=jnp.full(num_frames, log.ahead_m, jnp.float32),
+        behind_m=jnp.full(num_frames, log.behind_m, jnp.float32),
     )
 
 

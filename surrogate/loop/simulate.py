@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from surrogate.effects.apply import appeared, sensed, start_of_sensing
+from surrogate.effects.apply import sense_frame, show_lane_changes, start_of_sensing
 from surrogate.loop.course import Course, Observer, ObserverState, RunPlan, RunRecord, record_of, vehicles_on_road
 from surrogate.loop.moving import move_on
 from surrogate.loop.several_subjects import all_have_left, perceive_all
@@ -133,8 +133,8 @@ def go_on(
         def watch(frame: PerceptionFrame, entry: Array, observed: ObserverState, sensor_memory: Any) -> Any:
             if world.effects is not None:
                 with jax.named_scope("sense"):
-                    frame = appeared(world.effects, frame, state.vehicles, entry)
-                    frame, sensor_memory = sensed(world.effects, frame, sensor_memory, world.seed)
+                    frame = show_lane_changes(world.effects, frame, state.vehicles, entry)
+                    frame, sensor_memory = sense_frame(world.effects, frame, sensor_memory, world.seed)
             with jax.named_scope("observe"):
                 # a program of its own, which rounds alike whatever made the frame
                 return observer.update(observed, materialise(frame)), sensor_memory

@@ -29,7 +29,7 @@ from jaxcalib.diagnosis.inference.ledger import make_ledger, parameter_shift, re
 from jaxcalib.diagnosis.inference.ramp_inflow import explain_ramps
 from jaxcalib.diagnosis.inference.verdict import LEAST_EVIDENCE, Verdict, judge, probabilities
 from jaxcalib.diagnosis.inference.visibility import atlas_of
-from jaxcalib.diagnosis.runs.stages import Stages
+from jaxcalib.diagnosis.runs.finished_parts import FinishedParts
 from surrogate.effects.base import Reading, SearchedAt
 from surrogate.effects.registry import effect_named
 
@@ -224,12 +224,12 @@ def test_stages_remember(tmp_path):
         Cell(Channel.IDENTITY, "b", role="subject", is_logarithmic=True, tolerance=0.2, reads=Reading.LATENCY),
     )
     tallies = DriveTallies(cells, np.asarray([[1.0, 2.5]]), np.asarray([[4.0, 0.0]]), np.asarray([300.0]))
-    first = Stages(tmp_path / "stages").tallies("part", lambda: {"x": tallies})
-    again = Stages(tmp_path / "stages").tallies("part", lambda: pytest.fail("made again"))
+    first = FinishedParts(tmp_path / "stages").tallies("part", lambda: {"x": tallies})
+    again = FinishedParts(tmp_path / "stages").tallies("part", lambda: pytest.fail("made again"))
     assert again["x"].cells == first["x"].cells == cells
     assert (again["x"].above == tallies.above).all()
     next((tmp_path / "stages").iterdir()).write_bytes(b"damaged")
-    assert Stages(tmp_path / "stages").tallies("part", lambda: {"x": tallies})["x"].cells == cells
+    assert FinishedParts(tmp_path / "stages").tallies("part", lambda: {"x": tallies})["x"].cells == cells
 
 
 def test_a_ramp_far_from_its_given_inflow_is_an_error_of_inflow():

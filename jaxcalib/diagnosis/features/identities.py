@@ -10,7 +10,7 @@ import numpy as np
 from jaxcalib.diagnosis.features.conventions import Conventions
 from jaxcalib.diagnosis.features.features import EVENT, ROWS_PER_EVENT, Cell, Channel, TallyBook
 from surrogate.effects.base import Reading
-from surrogate.road.drive_table import DriveTable
+from surrogate.road.drive_table import DriveTable, RowFlags, RowNumbers, RowValues
 
 CHANNEL = Channel.IDENTITY
 WINDOW_S = 1.0
@@ -32,15 +32,15 @@ OFF_CENTRE_TOLERANCE_S, TRACK_TOLERANCE, RING_TOLERANCE, SPEED_CHANGE_TOLERANCE_
 def count_identities(table: DriveTable, road: Conventions, book: TallyBook) -> None:
     """Enter the features of a drive at the sampling of the log."""
     objects = ~table.is_subject
-    _motion(table, book, objects)
-    _noise(table, book, objects)
-    _range(table, road, book, objects)
-    _lateral(table, book)
-    _acting(table, book, objects)
-    _subject(table, book)
+    _count_motion(table, book, objects)
+    _count_noise(table, book, objects)
+    _count_range(table, road, book, objects)
+    _count_lateral(table, book)
+    _count_acting(table, book, objects)
+    _count_subject(table, book)
 
 
-def _motion(table: DriveTable, book: TallyBook, objects: np.ndarray) -> None:
+def _count_motion(table: DriveTable, book: TallyBook, objects: RowFlags) -> None:
     """Distance against speed difference over a window: its slope is the sensor's scale, its lag the latency."""
     steps = max(1, round(WINDOW_S / table.interval_s))
     now = np.flatnonzero(objects)
@@ -48,7 +48,7 @@ def _motion(table: DriveTable, book: TallyBook, objects: np.ndarray) -> None:
     for _ in range(steps):
         path.append(np.where(path[-1] >= 0, table.after[path[-1]], -1))
     whole = path[-1] >= 0
-    rows = [one[whole] for one in path]
+    rows = [row[whole] for row in path]
     if not whole.any():
         return
     own = table.subject_speed_mps
@@ -62,15 +62,17 @@ def _motion(table: DriveTable, book: TallyBook, objects: np.ndarray) -> None:
     error, expected, mine, theirs = error[usual], expected[usual], mine[usual], theirs[usual]
     cell = Cell(CHANNEL, "distance_scale_error", tolerance=DISTANCE_SCALE_TOLERANCE, reads=Reading.DISTANCE_SCALE)
     book.quotient(cell, (error * expected).sum(), (expected**2).sum())
-    latency = {"tolerance": LATENCY_TOLERANCE_S, "reads": Reading.LATENCY}
-    cell = Cell(CHANNEL, "latency_by_own_change_s", role="subject", **latency)
+    cell = Cell(
+        CHANNEL, "latency_by_own_change_s", role="subject", tolerance=LATENCY_TOLERANCE_S, reads=Reading.LATENCY
+    )
     book.quotient(cell, (error * mine).sum(), (mine**2).sum())
-    book.quotient(Cell(CHANNEL, "latency_by_their_change_s", **latency), (error * theirs).sum(), (theirs**2).sum())
+    cell = Cell(CHANNEL, "latency_by_their_change_s", tolerance=LATENCY_TOLERANCE_S, reads=Reading.LATENCY)
+    book.quotient(cell, (error * theirs).sum(), (theirs**2).sum())
     cell = Cell(CHANNEL, "distance_error_square_m2", is_logarithmic=True, tolerance=DISTANCE_ERROR_TOLERANCE)
     book.quotient(cell, (error**2).sum() + 1e-6 * len(error), len(error))
 
 
-def _noise(table: DriveTable, book: TallyBook, objects: np.ndarray) -> None:
+def _count_noise(table: DriveTable, book: TallyBook, objects: RowFlags) -> None:
     """Second differences: white noise has them at every step and against the one before."""
     before, after = np.maximum(table.before, 0), np.maximum(table.after, 0)
     inner = objects & (table.before >= 0) & (table.after >= 0)
@@ -90,7 +92,7 @@ def _noise(table: DriveTable, book: TallyBook, objects: np.ndarray) -> None:
         )  # fmt: skip
 
 
-def _range(table: DriveTable, road: Conventions, book: TallyBook, objects: np.ndarray) -> None:
+def _count_range(table: DriveTable, road: Conventions, book: TallyBook, objects: RowFlags) -> None:
     for name, reach_m, ahead in (("ahead", road.log.ahead_m, True), ("behind", road.log.behind_m, False)):
         side = objects & ((table.offset_m > 0) == ahead)
         share = np.abs(table.offset_m) / reach_m
@@ -113,7 +115,7 @@ def _range(table: DriveTable, road: Conventions, book: TallyBook, objects: np.nd
         book.quotient(cell, (ends & inside).sum(), hundreds_of_s)
 
 
-def _lateral(table: DriveTable, book: TallyBook) -> None:
+def _count_lateral(table: DriveTable, book: TallyBook) -> None:
     off = np.abs(table.lateral_m) > OFF_CENTRE_M
     changed = (table.before >= 0) & (table.lane[np.maximum(table.before, 0)] != table.lane)
     for role, chosen in (("background", ~table.is_subject), ("subject", table.is_subject)):
@@ -121,7 +123,7 @@ def _lateral(table: DriveTable, book: TallyBook) -> None:
         book.quotient(cell, table.interval_s * (off & chosen).sum(), max((changed & chosen).sum(), 1))
 
 
-def _acting(table: DriveTable, book: TallyBook, objects: np.ndarray) -> None:
+def _count_acting(table: DriveTable, book: TallyBook, objects: RowFlags) -> None:
     """Accelerations that are held for some steps and then jump: drivers who act at intervals."""
     before, after = np.maximum(table.before, 0), np.maximum(table.after, 0)
     step = table.interval_s
@@ -133,19 +135,24 @@ def _acting(table: DriveTable, book: TallyBook, objects: np.ndarray) -> None:
     active = moving & (np.abs(change_before) > ACTING_MPS2)
     cell = Cell(CHANNEL, "held_acceleration_share", tolerance=HELD_TOLERANCE, rows_per_event=ROWS_PER_EVENT)
     book.quotient(cell, (active & (jerk < HELD_MPS2)).sum(), active.sum())
-    jumps = {"tolerance": JUMP_TOLERANCE, "rows_per_event": ROWS_PER_EVENT}
     for border in (0.3, 0.6):
-        cell = Cell(CHANNEL, f"acceleration_jumps_above_{border:g}_mps2_share", **jumps)
+        cell = _jumps(border, "background")
         book.quotient(cell, (moving & (jerk > border)).sum(), moving.sum())
     cell = Cell(CHANNEL, "acceleration_step_square_m2ps4", is_logarithmic=True, tolerance=STEP_TOLERANCE)
     book.quotient(cell, (jerk[moving] ** 2).sum() + 1e-6 * moving.sum(), moving.sum())
     order = table.by_track
     jump = np.where(moving, np.maximum(jerk - HELD_MPS2, 0.0), 0.0)[order]
     unbroken = np.cumsum((np.diff(table.track[order], prepend=-9) != 0) | ~moving[order])
-    _rhythm(book, jump, unbroken, step, "background")
+    _count_rhythm(book, jump, unbroken, step, "background")
 
 
-def _rhythm(book: TallyBook, jump: np.ndarray, unbroken: np.ndarray, step_s: float, role: str) -> None:
+def _jumps(border_mps2: float, role: str) -> Cell:
+    """The cell of the share of moments at which acceleration jumps."""
+    measure = f"acceleration_jumps_above_{border_mps2:g}_mps2_share"
+    return Cell(CHANNEL, measure, role=role, tolerance=JUMP_TOLERANCE, rows_per_event=ROWS_PER_EVENT)
+
+
+def _count_rhythm(book: TallyBook, jump: RowValues, unbroken: RowNumbers, step_s: float, role: str) -> None:
     """Enter how much likelier a jump of acceleration is some steps after another than a step earlier or later."""
     square = (jump**2).sum() + 1e-9
     product = [
@@ -158,7 +165,7 @@ def _rhythm(book: TallyBook, jump: np.ndarray, unbroken: np.ndarray, step_s: flo
         book.quotient(cell, contrast, square)
 
 
-def _subject(table: DriveTable, book: TallyBook) -> None:
+def _count_subject(table: DriveTable, book: TallyBook) -> None:
     """The subject vehicle's own acceleration: held or changed at every step, and whether it is its change of speed."""
     acceleration, speed = table.subject_acceleration_mps2, table.subject_speed_mps
     valid = table.is_valid[1:] & table.is_valid[:-1]
@@ -169,16 +176,15 @@ def _subject(table: DriveTable, book: TallyBook) -> None:
         CHANNEL, "held_acceleration_share", role="subject", tolerance=HELD_TOLERANCE, rows_per_event=ROWS_PER_EVENT
     )
     book.quotient(cell, (active & (jerk < SUBJECT_HELD_MPS2)).sum(), active.sum())
-    jumps = {"tolerance": JUMP_TOLERANCE, "rows_per_event": ROWS_PER_EVENT}
     for border in (0.05, 0.15):
-        cell = Cell(CHANNEL, f"acceleration_jumps_above_{border:g}_mps2_share", role="subject", **jumps)
+        cell = _jumps(border, "subject")
         book.quotient(cell, (moving & (jerk > border)).sum(), moving.sum())
     book.quotient(
         Cell(CHANNEL, "acceleration_step_square_m2ps4", role="subject", is_logarithmic=True, tolerance=STEP_TOLERANCE),
         (jerk[moving] ** 2).sum() + 1e-6, max(int(moving.sum()), 1),
     )  # fmt: skip
     jump = np.where(moving, np.maximum(jerk - SUBJECT_HELD_MPS2, 0.0), 0.0)
-    _rhythm(book, np.minimum(jump, 1.0), np.cumsum(~moving), table.interval_s, "subject")
+    _count_rhythm(book, np.minimum(jump, 1.0), np.cumsum(~moving), table.interval_s, "subject")
     error = (acceleration[1:] - np.diff(speed) / table.interval_s)[moving]
     error = error[np.abs(error) < 2.0]
     cell = Cell(CHANNEL, "acceleration_less_speed_change_mps2", role="subject", tolerance=SPEED_CHANGE_TOLERANCE_MPS2)

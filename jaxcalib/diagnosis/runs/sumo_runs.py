@@ -8,9 +8,9 @@ import numpy as np
 from jaxcalib.calibration.stages.evaluator import AllRunsFailedError
 from jaxcalib.diagnosis.features.drive_features import DriveFeatures
 from jaxcalib.diagnosis.features.features import DriveTallies, joined_tallies
+from jaxcalib.diagnosis.runs.finished_parts import FinishedParts
 from jaxcalib.diagnosis.runs.null_runs import NullRuns, alterations_of, fine_interval_s, num_runs_for, run_null
 from jaxcalib.diagnosis.runs.plan import DiagnosisBudget
-from jaxcalib.diagnosis.runs.stages import Stages
 from jaxcalib.problem.problem import CalibrationProblem
 from surrogate.effects.base import EffectSetting
 from surrogate.effects.registry import effect_named
@@ -27,7 +27,7 @@ class SumoRuns:
         features: what is counted.
         values: calibrated values.
         plan: numbers of runs.
-        stages: keeps finished parts.
+        parts: keeps finished parts.
         first_seed: of the diagnosis; each part has seeds of its own behind it.
         on_runs: told of runs done.
     """
@@ -36,7 +36,7 @@ class SumoRuns:
     features: DriveFeatures
     values: np.ndarray
     plan: DiagnosisBudget
-    stages: Stages
+    parts: FinishedParts
     first_seed: int
     on_runs: Callable[[int], None]
 
@@ -52,7 +52,7 @@ class SumoRuns:
             altered = {f"{name} {strength!r}": tallies for (name, strength), tallies in runs.altered.items()}
             return {"": runs.plain} | altered
 
-        kept = self.stages.tallies(f"null {self._key}", make)
+        kept = self.parts.tallies(f"null {self._key}", make)
         altered = {(name, strength): kept[f"{name} {strength!r}"] for name, strength in alterations}
         return NullRuns(kept[""], altered)
 
@@ -69,7 +69,7 @@ class SumoRuns:
             )  # fmt: skip
             return {"": runs.plain}
 
-        further = self.stages.tallies(f"further null {self._key}", make)[""]
+        further = self.parts.tallies(f"further null {self._key}", make)[""]
         return NullRuns(joined_tallies(first.plain, further), first.altered)
 
     def default(self) -> DriveTallies | None:
@@ -109,7 +109,7 @@ class SumoRuns:
             return {"": runs.altered[name, strength] if is_altered else runs.plain}
 
         try:
-            return self.stages.tallies(f"explained {name} {strength!r} {values.tolist()!r} {self._key}", make)[""]
+            return self.parts.tallies(f"explained {name} {strength!r} {values.tolist()!r} {self._key}", make)[""]
         except AllRunsFailedError:
             return None
 
@@ -123,7 +123,7 @@ class SumoRuns:
             )  # fmt: skip
             return {"": runs.plain}
 
-        return self.stages.tallies(f"{part} {self._key}", make)[""]
+        return self.parts.tallies(f"{part} {self._key}", make)[""]
 
     def _runs_for(self, num_drives: int) -> int:
         return num_runs_for(self.problem, num_drives)

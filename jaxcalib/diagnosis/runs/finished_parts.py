@@ -12,7 +12,7 @@ from jaxcalib.diagnosis.features.features import Cell, DriveTallies
 from jaxcalib.runs.journal import write_atomically
 
 
-class Stages:
+class FinishedParts:
     """Finished parts, by name."""
 
     def __init__(self, folder: Path | None) -> None:
