@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from surrogate.effects.apply import appeared, sensed, start_of_sensing
+from surrogate.effects.apply import sense_frame, show_lane_changes, start_of_sensing
 from surrogate.loop.moving import move_on
 from surrogate.loop.run_state import Observer, ObserverState, RunPlan, RunRecord, RunState, record_of, vehicles_on_road
 from surrogate.loop.several_subjects import all_have_left, perceive_all
@@ -202,8 +202,8 @@ class _Loop(NamedTuple):
         def watch(frame: PerceptionFrame, entry: Array, observed: ObserverState, sensor_memory: Any) -> Any:
             if world.effects is not None:
                 with jax.named_scope("sense"):
-                    frame = appeared(world.effects, frame, state.vehicles, entry)
-                    frame, sensor_memory = sensed(world.effects, frame, sensor_memory, world.seed)
+                    frame = show_lane_changes(world.effects, frame, state.vehicles, entry)
+                    frame, sensor_memory = sense_frame(world.effects, frame, sensor_memory, world.seed)
             with jax.named_scope("observe"):
                 # a program of its own, which rounds alike whatever made the frame
                 return self.observer.update(observed, materialise(frame)), sensor_memory

@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
-from surrogate.effects.apply import decided, road_demands, settled, with_lane_changes, with_memories
+from surrogate.effects.apply import decide_lanes, remember_lane_changes, road_demands, with_lane_changes, with_memories
 from surrogate.effects.base import Moment
 from surrogate.inflow.entering import entrants
 from surrogate.inflow.inflow import ArrivalDraws, arrive
@@ -98,7 +98,7 @@ def settle_lanes(
         decision = decide(on_road, world.classes, clock.interval_s, clock.step_s, num_tiles)
     moment = Moment(state.vehicles, world.classes, world.seed, state.step, clock.step_s)
     if effects is not None:
-        decision = materialise(decided(effects, decision, moment))
+        decision = materialise(decide_lanes(effects, decision, moment))
     decision, manoeuvres, closed = _as_carried_out(decision, state, world, clock, on_road, plans)
     vehicles = with_changes(
         state.vehicles,
@@ -135,7 +135,7 @@ def settle_lanes(
             lengths_m = select_by_class([c.length_m for c in world.classes], vehicles.vehicle_class)
             manoeuvres = after_reorder(manoeuvres, moved_from, order, vehicles, lengths_m, timing)
     if effects is not None:
-        vehicles = settled(effects, Moment(vehicles, world.classes, world.seed, state.step, clock.step_s))
+        vehicles = remember_lane_changes(effects, Moment(vehicles, world.classes, world.seed, state.step, clock.step_s))
     entered_now = jnp.any(order.has_entered & candidates.is_subject)
     if subject.num_subjects:
         _, number = subject.waiting(state.subject_inserted, now_s)

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from jaxcalib.diagnosis.features.drive_table import DriveTable
+from surrogate.road.drive_table import DriveTable
 from surrogate.road.perception import PerceptionFrame
 
 NUM_SUBJECT_VALUES = 4

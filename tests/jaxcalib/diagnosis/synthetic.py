@@ -3,24 +3,21 @@
 import numpy as np
 
 from jaxcalib.diagnosis.features.conventions import Conventions
-from jaxcalib.diagnosis.features.drive_table import DriveTable
-from jaxcalib.diagnosis.features.features import Cell
+from jaxcalib.diagnosis.features.features import Cell, Channel
 from jaxcalib.diagnosis.features.noise import NullModel
+from surrogate.road.drive_table import DriveTable, LogFormat
 
 STEP_S = 0.1
 ROAD = Conventions(
     step_s=STEP_S,
     nominal_length_m=4.8,
-    ahead_m=150.0,
-    behind_m=120.0,
     stretch_m=np.linspace(0.0, 2000.0, 11),
     period_s=np.arange(0.0, 180.0, 60.0),
     lane_from_left=np.asarray([2, 1]),
     segment_end_m=np.asarray([np.inf]),
     limit_mps=np.full((2, 1), 25.0),
     merge_m=np.zeros((0, 2)),
-    place_step_m=0.01,
-    speed_step_mps=0.01 / 3.6,
+    log=LogFormat(ahead_m=150.0, behind_m=120.0, place_step_m=0.01, speed_step_mps=0.01 / 3.6),
 )
 
 
@@ -58,7 +55,7 @@ def made_up_null(num_features: int = 40, num_parameters: int = 3, seed: int = 4)
     noise = noise / np.outer(deviation, deviation)
     slope = random.standard_normal((num_features, num_parameters))
     prior = np.full(num_parameters, 1.5)
-    cells = tuple(Cell("closed_loop", f"measure_{k % 8}", f"regime {k}") for k in range(num_features))
+    cells = tuple(Cell(Channel.CLOSED_LOOP, f"measure_{k % 8}", f"regime {k}") for k in range(num_features))
     covariance = noise + (slope * prior**2) @ slope.T
     mean, deviation = np.linspace(-1.0, 2.0, num_features), np.linspace(0.5, 2.0, num_features)
     return NullModel(cells, mean, deviation, covariance, noise, slope, prior)

@@ -12,12 +12,13 @@ import pytest
 from sim_adapters.interface import ParameterLayout
 from sim_adapters.scenario.scenario import Scenario
 from sim_adapters.scenario.scenario_writer import WrittenScenario, write_scenario
-from sim_adapters.scenario.sumo_effects import EXPRESSIBLE, NotExpressibleError, is_expressible
+from sim_adapters.scenario.sumo_effects import NotExpressibleError, expression_of, is_expressible
 from surrogate.effects.base import EffectSetting
-from surrogate.effects.registry import effect_named
+from surrogate.effects.registry import EFFECTS, effect_named
 
 VALUES = (2750.0, 640.0, 1.3, 2.4, 2.7, 1.07, 0.14, 0.9, 3.5)
 DEPART_S = 24.0
+EXPRESSIBLE = [effect.name for effect in EFFECTS if expression_of(effect) is not None]
 Write = Callable[..., WrittenScenario]
 
 

@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 
-from jaxcalib.diagnosis.features.altered_drives import ALTERATIONS, RHYTHMS
 from jaxcalib.diagnosis.features.features import TallyBook
 from jaxcalib.diagnosis.features.identities import count_identities
 from jaxcalib.diagnosis.runs.null_runs import alterations_of
+from surrogate.effects.recorded_drives import alter_drive
+from surrogate.effects.registry import effect_named
 from tests.jaxcalib.diagnosis.synthetic import ROAD, STEP_S, two_vehicles
 
 
@@ -17,8 +18,7 @@ def identities(table) -> dict[tuple[str, str, str], float]:
 
 
 def altered(name: str, strength: float):
-    change = ALTERATIONS.get(name) or RHYTHMS[name]
-    return change(two_vehicles(), strength, ROAD, np.random.default_rng(3))
+    return alter_drive(two_vehicles(), effect_named(name), strength, ROAD.log, np.random.default_rng(3))
 
 
 def test_links_of_a_table():
@@ -83,7 +83,7 @@ def test_short_range_takes_what_is_far_and_nothing_else():
 
 @pytest.mark.parametrize(("interval_s", "late_s"), [(0.1, [0.2, 0.4, 0.7]), (0.25, [0.25, 0.5, 0.75]), (0.5, [0.5])])
 def test_a_log_is_late_by_its_own_steps(interval_s: float, late_s: list[float]):
-    strengths = dict.fromkeys((*ALTERATIONS, *RHYTHMS), (0.2, 0.4, 0.7))
-    chosen = alterations_of(strengths, interval_s)
+    chosen = alterations_of(interval_s)
     assert [strength for name, strength in chosen if name == "sensor_latency"] == pytest.approx(late_s)
-    assert [strength for name, strength in chosen if name == "sensor_noise"] == [0.2, 0.4, 0.7]
+    assert [strength for name, strength in chosen if name == "sensor_noise"] == [0.1, 0.3, 0.8]
+    assert [strength for name, strength in chosen if name == "gap_sensor_bias"] == [0.02, 0.05, 0.12, -0.05, -0.12]

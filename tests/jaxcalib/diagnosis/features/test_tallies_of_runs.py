@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from jaxcalib.diagnosis.features.features import Cell, DriveTallies, TallyBook, gather_tallies, joined_tallies
+from jaxcalib.diagnosis.features.features import Cell, Channel, DriveTallies, TallyBook, gather_tallies, joined_tallies
 
-SPEED, GAP, NOISE = (Cell("closed_loop", name) for name in ("speed_mps", "gap_s", "noise"))
+SPEED, GAP, NOISE = (Cell(Channel.CLOSED_LOOP, name) for name in ("speed_mps", "gap_s", "noise"))
 
 
 def book(speed: float, gap: float | None = None, noise: float | None = None) -> TallyBook:
@@ -32,7 +32,7 @@ def test_parts_together_are_the_whole_whatever_each_of_them_lacks():
 
 def test_drives_of_one_run_are_worth_as_many_as_they_tell_apart():
     random = np.random.default_rng(3)
-    num_runs, per_run, cells = 40, 3, tuple(Cell("closed_loop", f"feature_{k}") for k in range(60))
+    num_runs, per_run, cells = 40, 3, tuple(Cell(Channel.CLOSED_LOOP, f"feature_{k}") for k in range(60))
     run = np.repeat(np.arange(num_runs) + 7, per_run)
 
     def worth(common: float) -> float:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from jaxcalib.calibration.stages.evaluator import AllRunsFailedError
-from jaxcalib.diagnosis.features.features import Cell
+from jaxcalib.diagnosis.features.features import Cell, Channel
 from jaxcalib.diagnosis.features.noise import NullModel
 from jaxcalib.diagnosis.inference.baseline import LONGEST_STEPS, MOST_MOVES, MOST_ROUNDS, Baseline, BaselineMaker
 from jaxcalib.diagnosis.inference.investigation import NotTestableError
@@ -26,7 +26,7 @@ PROBLEM = cast(CalibrationProblem, SimpleNamespace(layout=LAYOUT))
 BEGIN = np.asarray([3000.0, 1.1, 1.4])
 SIZES = parameter_steps(LAYOUT, BEGIN)
 NULL = NullModel(
-    cells=tuple(Cell("closed_loop", name) for name in LAYOUT.names),
+    cells=tuple(Cell(Channel.CLOSED_LOOP, name) for name in LAYOUT.names),
     mean=np.zeros(3),
     deviation=np.ones(3),
     covariance=1e-4 * np.eye(3) + 1e4 * np.eye(3),

@@ -7,14 +7,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jaxcalib.diagnosis.features.features import Cell, DriveTallies
+from jaxcalib.diagnosis.features.features import Cell, Channel, DriveTallies
 from jaxcalib.diagnosis.inference.descent import FIRST_LONGEST, Descent, Target, descend, linear_step
 from jaxcalib.diagnosis.runs.explained_runs import ExplainedRuns
 
 SIZE = 12
 SLOPES = 3.0 * np.random.default_rng(0).standard_normal((SIZE, 3))
 FREE = np.full(3, np.inf)
-CELLS = tuple(Cell("closed", f"speed_mps_{place}", "following") for place in range(SIZE))
+CELLS = tuple(Cell(Channel.CLOSED_LOOP, f"speed_mps_{place}", "following") for place in range(SIZE))
 RUNS = ExplainedRuns(DriveTallies(CELLS, np.ones((4, SIZE)), np.ones((4, SIZE)), np.zeros(4)))
 Features = Callable[[np.ndarray], np.ndarray | None]
 

@@ -10,8 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from jaxcalib.diagnosis.features.conventions import rounding_step
-from jaxcalib.diagnosis.features.features import Cell, DriveTallies
-from jaxcalib.diagnosis.features.noise import open_deviation
+from jaxcalib.diagnosis.features.features import Cell, Channel, DriveTallies
 from jaxcalib.diagnosis.features.signature import Signature
 from jaxcalib.diagnosis.inference.atlas import ALTERED_EXACTNESS, READING_EXACTNESS, altered_exactness
 from jaxcalib.diagnosis.inference.evidence import (
@@ -29,7 +28,8 @@ from jaxcalib.diagnosis.inference.ledger import make_ledger, parameter_shift, re
 from jaxcalib.diagnosis.inference.ramp_inflow import explain_ramps
 from jaxcalib.diagnosis.inference.verdict import LEAST_EVIDENCE, Verdict, judge, probabilities
 from jaxcalib.diagnosis.inference.visibility import atlas_of
-from jaxcalib.diagnosis.runs.stages import Stages
+from jaxcalib.diagnosis.runs.finished_parts import FinishedParts
+from surrogate.effects.base import Reading, SearchedAt
 from surrogate.effects.registry import effect_named
 from tests.jaxcalib.diagnosis.synthetic import made_up_null
 
@@ -158,11 +158,6 @@ def test_what_hides_an_effect_raises_the_strength_from_which_it_is_visible():
     assert 0.5 * visible_from(one) < more < visible_from(one)
 
 
-def test_tolerances_reach_the_tracks_that_come_and_go():
-    cells = tuple(Cell("identity", f"{kind}_inside_range_phs") for kind in ("lost", "found"))
-    assert np.all(open_deviation(cells) > 0.0)
-
-
 def test_rounding_is_read_from_the_values():
     values = np.random.default_rng(2).uniform(-150.0, 150.0, 4000)
     for step in (1.0, 0.1, 0.05, 0.01):
@@ -213,7 +208,7 @@ def test_ledger_is_unbiased_and_its_p_values_hold():
 
 def test_influence_has_mean_zero_and_foretells_the_change():
     random = np.random.default_rng(5)
-    cells = (Cell("replay", "a"), Cell("replay", "b", is_logarithmic=True))
+    cells = (Cell(Channel.REPLAY, "a"), Cell(Channel.REPLAY, "b", is_logarithmic=True))
     below = random.uniform(50.0, 150.0, (30, 2))
     tallies = DriveTallies(cells, below * random.uniform(1.0, 1.2, (30, 2)), below, np.zeros(30))
     influence = tallies.influence()
@@ -224,14 +219,17 @@ def test_influence_has_mean_zero_and_foretells_the_change():
 
 
 def test_stages_remember(tmp_path):
-    cells = (Cell("replay", "a", from_m=0.0, to_m=200.0), Cell("identity", "b", role="subject", is_logarithmic=True))
+    cells = (
+        Cell(Channel.REPLAY, "a", from_m=0.0, to_m=200.0, locates=SearchedAt.STRETCHES, rows_per_event=20.0),
+        Cell(Channel.IDENTITY, "b", role="subject", is_logarithmic=True, tolerance=0.2, reads=Reading.LATENCY),
+    )
     tallies = DriveTallies(cells, np.asarray([[1.0, 2.5]]), np.asarray([[4.0, 0.0]]), np.asarray([300.0]))
-    first = Stages(tmp_path / "stages").tallies("part", lambda: {"x": tallies})
-    again = Stages(tmp_path / "stages").tallies("part", lambda: pytest.fail("made again"))
+    first = FinishedParts(tmp_path / "stages").tallies("part", lambda: {"x": tallies})
+    again = FinishedParts(tmp_path / "stages").tallies("part", lambda: pytest.fail("made again"))
     assert again["x"].cells == first["x"].cells == cells
     assert (again["x"].above == tallies.above).all()
     next((tmp_path / "stages").iterdir()).write_bytes(b"damaged")
-    assert Stages(tmp_path / "stages").tallies("part", lambda: {"x": tallies})["x"].cells == cells
+    assert FinishedParts(tmp_path / "stages").tallies("part", lambda: {"x": tallies})["x"].cells == cells
 
 
 def test_a_ramp_far_from_its_given_inflow_is_an_error_of_inflow():
@@ -302,12 +300,12 @@ def test_a_feature_that_reads_a_strength_from_the_log_tells_it():
 
 
 def test_readings_are_nearly_exact_and_stay_so_among_other_features():
-    cells = tuple(Cell("identity", name) for name in ("second_difference_square", "distance_scale_error"))
+    cells = (Cell(Channel.IDENTITY, "any"), Cell(Channel.IDENTITY, "other", reads=Reading.DISTANCE_SCALE))
     np.testing.assert_allclose(altered_exactness("gap_sensor_bias", cells), [ALTERED_EXACTNESS, READING_EXACTNESS])
     np.testing.assert_allclose(altered_exactness("sensor_noise", cells), ALTERED_EXACTNESS)
     here, there = (
         cast(Prepared, SimpleNamespace(null=SimpleNamespace(cells=order, deviation=np.ones(len(order)))))
-        for order in (cells, (cells[1], Cell("replay", "other"), cells[0]))
+        for order in (cells, (cells[1], Cell(Channel.REPLAY, "other"), cells[0]))
     )
     one = Signature("gap_sensor_bias", {}, np.asarray([0.0, 1.0]), np.eye(2), np.zeros((2, 2)),
                     altered_exactness("gap_sensor_bias", cells))  # fmt: skip

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jaxcalib.diagnosis.features.features import Cell, DriveTallies
+from jaxcalib.diagnosis.features.features import Cell, Channel, DriveTallies
 from jaxcalib.diagnosis.features.noise import FEWEST_EFFECTIVE_RUNS, NullModel, observed_cells
 from jaxcalib.diagnosis.inference.shrinkage import (
     FEWEST_DRIVES,
@@ -134,8 +134,8 @@ def test_sets_of_null_runs_have_the_noise_of_as_many_drives():
 
 def test_an_identity_needs_few_drives_and_a_mean_needs_many():
     cells = (
-        Cell("identity", "latency_by_own_change_s", role="subject"),
-        Cell("replay", "residual_mps2", "following"),
+        Cell(Channel.IDENTITY, "latency_by_own_change_s", role="subject", tolerance=0.05),
+        Cell(Channel.REPLAY, "residual_mps2", "following"),
     )
     runs = int(2 * FEWEST_EFFECTIVE_RUNS)
     weight = np.full((runs, 2), 1e-3)

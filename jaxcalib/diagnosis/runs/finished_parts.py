@@ -12,7 +12,7 @@ from jaxcalib.diagnosis.features.features import Cell, DriveTallies
 from jaxcalib.runs.journal import write_atomically
 
 
-class Stages:
+class FinishedParts:
     """Finished parts, by name."""
 
     def __init__(self, folder: Path | None) -> None:
@@ -56,7 +56,7 @@ def _read(file: Path) -> dict[str, DriveTallies] | None:
         with np.load(file, allow_pickle=False) as part:
             found = {}
             for number in range(len(part.files) // 6):
-                cells = tuple(Cell(*one) for one in json.loads(str(part[f"{number}_cells"])))
+                cells = tuple(Cell.from_json(values) for values in json.loads(str(part[f"{number}_cells"])))
                 above, below, depart_s = (part[f"{number}_{name}"] for name in ("above", "below", "depart_s"))
                 run = part[f"{number}_run"] if len(part[f"{number}_run"]) else None
                 found[str(part[f"{number}_key"])] = DriveTallies(cells, above, below, depart_s, run)

@@ -5,10 +5,31 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from jaxtyping import Bool, Float, Int
 
 from surrogate.road.perception import NO_TRACK, PerceptionFrame
 
 NOBODY = -1
+RowFlags = Bool[np.ndarray, " row"]
+RowValues = Float[np.ndarray, " row"]
+RowNumbers = Int[np.ndarray, " row"]
+
+
+@dataclass(frozen=True)
+class LogFormat:
+    """What logs of drives hold.
+
+    Attributes:
+        ahead_m: range of the sensors ahead.
+        behind_m: range behind.
+        place_step_m: rounding of distances.
+        speed_step_mps: rounding of speeds.
+    """
+
+    ahead_m: float
+    behind_m: float
+    place_step_m: float
+    speed_step_mps: float
 
 
 @dataclass(frozen=True)
@@ -33,25 +54,25 @@ class DriveTable:
     """
 
     interval_s: float
-    time_s: np.ndarray
-    is_valid: np.ndarray
-    subject_acceleration_mps2: np.ndarray
-    subject_speed_mps: np.ndarray
-    instant: np.ndarray
-    track: np.ndarray
-    lane: np.ndarray
-    offset_m: np.ndarray
-    position_m: np.ndarray
-    speed_mps: np.ndarray
-    lateral_m: np.ndarray
+    time_s: Float[np.ndarray, " instant"]
+    is_valid: Bool[np.ndarray, " instant"]
+    subject_acceleration_mps2: Float[np.ndarray, " instant"]
+    subject_speed_mps: Float[np.ndarray, " instant"]
+    instant: RowNumbers
+    track: RowNumbers
+    lane: RowNumbers
+    offset_m: RowValues
+    position_m: RowValues
+    speed_mps: RowValues
+    lateral_m: RowValues
 
     @property
-    def is_subject(self) -> np.ndarray:
+    def is_subject(self) -> RowFlags:
         """Whether a row is the subject vehicle's."""
         return self.track == NO_TRACK
 
     @functools.cached_property
-    def leader(self) -> np.ndarray:
+    def leader(self) -> RowNumbers:
         """Row of the leader in the own lane; NOBODY where none is in range."""
         rows = np.arange(len(self.instant))
         same = np.zeros(len(rows), bool)
@@ -59,7 +80,7 @@ class DriveTable:
         return np.where(same, rows - 1, NOBODY)
 
     @functools.cached_property
-    def follower(self) -> np.ndarray:
+    def follower(self) -> RowNumbers:
         """Row of the follower in the own lane; NOBODY where none is in range."""
         behind = np.full(len(self.instant), NOBODY)
         has = self.leader >= 0
@@ -67,12 +88,28 @@ class DriveTable:
         return behind
 
     @functools.cached_property
-    def by_track(self) -> np.ndarray:
+    def spacing_m(self) -> RowValues:
+        """Leader's front bumper less own; inf where no leader is in range."""
+        has = self.leader >= 0
+        spacing_m = np.full(len(self.instant), np.inf)
+        spacing_m[has] = self.position_m[self.leader[has]] - self.position_m[has]
+        return spacing_m
+
+    def gap_m(self, length_m: float) -> RowValues:
+        """Leader's rear bumper less own front bumper; inf where no leader is in range.
+
+        Args:
+            length_m: of every vehicle, since logs hold none.
+        """
+        return self.spacing_m - length_m
+
+    @functools.cached_property
+    def by_track(self) -> RowNumbers:
         """Order of the rows by (track, instant)."""
         return np.lexsort((self.instant, self.track))
 
     @functools.cached_property
-    def _links(self) -> tuple[np.ndarray, np.ndarray]:
+    def _links(self) -> tuple[RowNumbers, RowNumbers]:
         order = self.by_track
         adjacent = (np.diff(self.track[order]) == 0) & (np.diff(self.instant[order]) == 1)
         before, after = np.full((2, len(order)), NOBODY)
@@ -81,25 +118,25 @@ class DriveTable:
         return before, after
 
     @property
-    def before(self) -> np.ndarray:
+    def before(self) -> RowNumbers:
         """Row of the same vehicle at the instant before; NOBODY where it was not seen."""
         return self._links[0]
 
     @property
-    def after(self) -> np.ndarray:
+    def after(self) -> RowNumbers:
         """Row of the same vehicle at the next instant; NOBODY where it is not seen."""
         return self._links[1]
 
-    def later(self, steps: int) -> np.ndarray:
-        """Return the row of the same vehicle some instants later, seen all the while; NOBODY elsewhere."""
+    def later(self, steps: int) -> RowNumbers:
+        """Row of the same vehicle some instants later, seen all the while; NOBODY elsewhere."""
         rows = np.arange(len(self.instant))
         link = self.after if steps > 0 else self.before
         for _ in range(abs(steps)):
             rows = np.where(rows >= 0, link[rows], NOBODY)
         return rows
 
-    def since(self, event: np.ndarray) -> np.ndarray:
-        """Return the time since a vehicle's last row with an event; inf where there was none."""
+    def since(self, event: RowFlags) -> RowValues:
+        """Time since a vehicle's last row with an event; inf where there was none."""
         order = self.by_track
         track = self.track[order]
         number = np.arange(len(order))
@@ -112,8 +149,8 @@ class DriveTable:
         back[order] = passed
         return back
 
-    def recent_mean(self, values: np.ndarray, span_s: float) -> np.ndarray:
-        """Return the mean of a quantity over what was seen of each vehicle in the last so many seconds."""
+    def recent_mean(self, values: RowValues, span_s: float) -> RowValues:
+        """Mean of a quantity over what was seen of each vehicle in the last so many seconds."""
         order = self.by_track
         track, number = self.track[order], np.arange(len(order))
         begins = np.diff(track, prepend=track[:1] - 1) != 0
@@ -124,8 +161,8 @@ class DriveTable:
         back[order] = (total[number + 1] - total[first]) / (number + 1 - first)
         return back
 
-    def select(self, keep: np.ndarray, **changes: Any) -> "DriveTable":
-        """Return a table of some of the rows."""
+    def select(self, keep: RowFlags | Int[np.ndarray, " kept"], **changes: Any) -> "DriveTable":
+        """A table of some of the rows."""
         arrays = {
             name: getattr(self, name)[keep]
             for name in ("instant", "track", "lane", "offset_m", "position_m", "speed_mps", "lateral_m")
@@ -133,11 +170,11 @@ class DriveTable:
         return replace(self, **(arrays | changes))
 
     def sorted(self) -> "DriveTable":
-        """Return the table with its rows in order again, after places have changed."""
+        """The table with its rows in order again, after positions have changed."""
         return self.select(np.lexsort((-self.position_m, self.lane, self.instant)))
 
     def coarser(self, steps: int) -> "DriveTable":
-        """Return every so many instants, on the multiples of the longer interval."""
+        """Every so many instants, on the multiples of the longer interval."""
         if steps == 1:
             return self
         interval_s = steps * self.interval_s
@@ -157,7 +194,7 @@ class DriveTable:
 
 
 def drive_table(frames: PerceptionFrame, interval_s: float) -> DriveTable:
-    """Return the table of a drive.
+    """The table of a drive.
 
     Args:
         frames: its frames, stacked along a leading time axis, NumPy leaves.
@@ -188,14 +225,21 @@ def drive_table(frames: PerceptionFrame, interval_s: float) -> DriveTable:
     )
 
 
-def as_logged(table: DriveTable, place_step_m: float, speed_step_mps: float) -> DriveTable:
-    """Return a simulated drive rounded as a log rounds it."""
-    offset_m = np.round(table.offset_m / place_step_m) * place_step_m
+def as_logged(table: DriveTable, log: LogFormat) -> DriveTable:
+    """A simulated drive, rounded as a log rounds it."""
+    offset_m = np.round(table.offset_m / log.place_step_m) * log.place_step_m
     return replace(
         table,
         offset_m=offset_m,
         position_m=table.position_m - table.offset_m + offset_m,
-        speed_mps=np.round(table.speed_mps / speed_step_mps) * speed_step_mps,
-        subject_speed_mps=np.round(table.subject_speed_mps / speed_step_mps) * speed_step_mps,
+        speed_mps=np.round(table.speed_mps / log.speed_step_mps) * log.speed_step_mps,
+        subject_speed_mps=np.round(table.subject_speed_mps / log.speed_step_mps) * log.speed_step_mps,
         subject_acceleration_mps2=np.round(table.subject_acceleration_mps2, 3),
     )
+
+
+def with_offsets(table: DriveTable, offset_m: RowValues, log: LogFormat) -> DriveTable:
+    """A drive whose objects are logged at other distances; those that leave the range are gone."""
+    moved = replace(table, offset_m=offset_m, position_m=table.position_m - table.offset_m + offset_m)
+    is_seen = (offset_m <= log.ahead_m) & (offset_m >= -log.behind_m)
+    return as_logged(moved.select(is_seen).sorted(), log)
