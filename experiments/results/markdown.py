@@ -1,6 +1,5 @@
 """The page of a study: every table in the same form, from its JSON alone."""
 
-import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -46,7 +45,7 @@ def _line(cells: list[str]) -> str:
 
 def cell(value: Any) -> str:
     """Return how a value stands in a table: numbers with four digits, nothing for what is not known."""
-    if value is None or (isinstance(value, float) and math.isnan(value)):
+    if value is None:
         return ""
     if isinstance(value, bool):
         return "yes" if value else "no"

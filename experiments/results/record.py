@@ -5,6 +5,7 @@ one of its name. The Markdown beside it is made from the JSON alone (`experiment
 """
 
 import json
+import math
 import os
 import platform
 import sys
@@ -100,7 +101,7 @@ def write_study(path: Path, study: Mapping[str, Any]) -> None:
 
 
 def flattened(row: Mapping[str, Any]) -> dict[str, Cell]:
-    """Turn mappings within a row into columns of their own, and sequences into text."""
+    """Turn mappings within a row into columns of their own, sequences into text, and what is no number into nothing."""
     flat: dict[str, Cell] = {}
     for key, value in row.items():
         if isinstance(value, Mapping):
@@ -108,7 +109,7 @@ def flattened(row: Mapping[str, Any]) -> dict[str, Cell]:
         elif isinstance(value, (list, tuple)):
             flat[key] = ", ".join(str(each) for each in value)
         else:
-            flat[key] = value
+            flat[key] = None if isinstance(value, float) and math.isnan(value) else value
     return flat
 
 
