@@ -1,0 +1,67 @@
+"""Validations in SUMO, as a person calls them."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from jaxcalib.cli.app import validate as command
+from jaxcalib.problem.engines import sumo_engine
+from jaxcalib.problem.problem import read_problem
+from jaxcalib.validation.counts import FieldCounts
+from jaxcalib.validation.observer import DriveObserver
+from sim_adapters.interface import RunRequest, Status
+from tests.places import CORRIDOR
+
+TRUTH = {"counts": "edge,begin_s,end_s,vehicles\nin0,0,700,700\n"}
+
+
+@pytest.mark.long
+def test_the_scenario_before_calibration_is_not_valid(tmp_path: Path):
+    """The corridor's scenario drives too slowly for its field; four rounds of drives are enough to see that."""
+    problem = read_problem(CORRIDOR)
+    values, layout = problem.template.base_values().tolist(), problem.layout
+    behaviour = dict(zip(layout.attributes, values[2:], strict=True))
+    parameters = {"demand": dict(zip(layout.input_ids, values, strict=False)), "behaviour": {"car": behaviour}}
+    (tmp_path / "result.json").write_text(json.dumps({"format": 1, "parameters": parameters}))
+    (tmp_path / "counts.csv").write_text(TRUTH["counts"])
+    assert command(CORRIDOR, tmp_path, seeds=4, counts=tmp_path / "counts.csv", quiet=True) == 0
+    found = json.loads((tmp_path / "validation" / "validation.json").read_text())
+    assert found["is_valid"] is False
+    assert found["drives"] == ["d03", "d06", "d09", "d12"]
+    assert found["runs"] == 4 * 4 + 4
+    one = found["measures"]["traffic_speed_mps"]
+    assert one["interval_90"][0] < one["interval_90_of_mean"][0] < one["simulated"] < one["interval_90"][1]
+    assert found["health"]["teleports"] == 0
+    assert found["counts"][0]["simulated_vehph"] == pytest.approx(values[0], rel=0.1)
+    names = {criterion["standard"] for criterion in found["criteria"]}
+    assert len(names) >= 3
+    page = (tmp_path / "validation" / "validation.html").read_text()
+    assert "not valid" in page
+    assert "<script" not in page
+    assert command(CORRIDOR, tmp_path, seeds=4, counts=tmp_path / "counts.csv", quiet=True) == 2  # begun: --resume
+
+
+@pytest.mark.long
+def test_counting_and_observing_in_sumo():
+    """Vehicles that have passed the first edge are those that entered it, less those still on it; the same run."""
+    problem = read_problem(CORRIDOR)
+    request = RunRequest(tuple(problem.template.base_values().tolist()), 11, 300.0)
+    whole = FieldCounts((("in0", 0.0, 720.0), ("in0", 0.0, 300.0), ("in0", 300.0, 720.0)), np.zeros((1, 3)))
+    with sumo_engine(problem, 1, counter=whole) as sumo:
+        (counted,) = sumo.run([request])
+    with sumo_engine(problem, 1, fold=DriveObserver(problem)) as sumo:
+        (observed,) = sumo.run([request])
+    assert counted.status is observed.status is Status.OK
+    assert counted.observed[0] == counted.observed[1] + counted.observed[2]
+    inserted = counted.num_inserted[0] + 1  # the subject vehicle is no vehicle of a flow
+    assert 0 <= inserted - counted.observed[0] <= 60
+    parts = DriveObserver(problem).parts(observed.observed)
+    tally = dict(zip(problem.tally_names, parts.tally, strict=True))
+    driven_s = np.nanmax(parts.passing_s) - np.nanmin(parts.passing_s)
+    assert driven_s == pytest.approx(tally["subject_time_s"], rel=0.05)
+    assert parts.histograms["subject_speed_mps"].sum() == tally["subject_frames"]
+    assert parts.histograms["background_time_headway_s"].sum() == pytest.approx(
+        tally["background_following_frames"], rel=0.01
+    )
