@@ -44,7 +44,8 @@ def complete(app: Sphinx, page: str, source: list[str]) -> None:
 
 def record(file: Path) -> str:
     """Return what includes a record one heading lower, with a place to link to."""
-    return f"\n(record-{file.stem})=\n```{{include}} ../experiments/results/{file.name}\n:heading-offset: 1\n:relative-images:\n```\n"
+    included = f"../experiments/results/{file.name}\n:heading-offset: 1\n:relative-images:"
+    return f"\n(record-{file.stem})=\n```{{include}} {included}\n```\n"
 
 
 def table_of_effects() -> str:

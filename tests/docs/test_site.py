@@ -1,4 +1,4 @@
-"""The documentation is true as far as a program can tell: it builds, its links lead somewhere, files that it names exist."""
+"""The docs as far as a program can judge them: they build, links lead somewhere, files that they name exist."""
 
 import importlib.util
 import re
@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 
-ROOT = next(folder for folder in Path(__file__).parents if (folder / "pyproject.toml").is_file())
+from tests.places import ROOT
+
 PAGES = sorted((ROOT / "docs").glob("*.md"))
 TOP = [ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")]
 MOST_WORDS = 16_000
