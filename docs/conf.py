@@ -14,6 +14,7 @@ RECORDS = Path(__file__).parents[1] / "experiments" / "results"
 project = "jaxcalib"
 version = release = version_of("jaxcalib")
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx.ext.viewcode", "cyclopts.ext.sphinx"]
+highlight_language = "none"
 html_theme = "furo"
 html_title = f"jaxcalib {version}"
 html_show_copyright = False
