@@ -15,6 +15,7 @@ from rich.progress import Progress
 from rich.table import Table
 
 from experiments.fidelity.equilibrium import MOST_DIFFERENCE, NO_EQUILIBRIUM, closed_form_table, sumo_table
+from experiments.fidelity.fidelity_record import record_tables
 from experiments.fidelity.insertion import insertion_table
 from experiments.fidelity.lane_changes import ALWAYS, lane_change_table
 from experiments.fidelity.parity import MOST_DIFFERENCE_M, SUMO_MODELS, parity_table
@@ -39,6 +40,7 @@ def fidelity(
     out: Path = Path("fidelity.json"),
     leaders: Annotated[int, Parameter(validator=Number(gte=1))] = 5,
     runs: Annotated[int, Parameter(validator=Number(gte=0))] = 10,
+    record: Annotated[bool, Parameter(negative="")] = False,
 ) -> int:
     """Compare the surrogate with SUMO.
 
@@ -55,6 +57,8 @@ def fidelity(
     runs
         Runs of each of the 64 parameter sets in SUMO, at least, each drive to fit equally often; the surrogate makes
         four times as many. 0 leaves transfer and insertion out.
+    record
+        Also write the tables to experiments/results.
     """
     console = Console()
     sumo = metadata.version("libsumo")
@@ -85,6 +89,8 @@ def fidelity(
         _show_insertion(console, rows)
     out.write_text(json.dumps(tables, indent=1) + "\n", encoding="utf-8")
     console.print(f"written: {out}")
+    if record:
+        record_tables(tables)
     return 0
 
 

@@ -1,4 +1,4 @@
-"""`python -m experiments.paper CASE`: the paper's evaluation on any case; see docs/paper-study.md."""
+"""`python -m experiments.paper CASE`: the paper's evaluation on any case; see docs/studies.md."""
 
 import os
 import sys

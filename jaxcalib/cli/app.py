@@ -252,7 +252,7 @@ def validate(
     drives
         Role of the drives to judge by: held_out or fit; held-out drives where there are any.
     counts
-        Table of counted vehicles (docs/validation.md); GEH and FHWA 2019 need one.
+        Table of counted vehicles (docs/validate.md); GEH and FHWA 2019 need one.
     resume
         Go on with a validation that was stopped.
     quiet

@@ -12,7 +12,7 @@ from jaxcalib.validation.volumes import GEH_STANDARD
 from sim_adapters.interface import RunOutcome
 
 LARGE_BACKLOG = 0.01
-NO_COUNTS = "the case has no counts; give them with --counts (docs/validation.md)"
+NO_COUNTS = "the case has no counts; give them with --counts (docs/validate.md)"
 
 
 def health_criteria(outcomes: Sequence[RunOutcome]) -> list[Criterion]:

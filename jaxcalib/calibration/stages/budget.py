@@ -18,7 +18,8 @@ FRESH_SEEDS = 12  # for the final errors on held-out drives
 MOST_FRESH_SEEDS = 100
 NOISE_RUNS, LARGE_NOISE_RUNS = 64, 32  # whole batches of two cores; fewer would leave places in them empty
 # Runs behind the covariance of the moments at the point that is searched from: between three and four to a moment.
-# With as many runs as moments, candidates come in another order than under the true covariance (docs/paper-study.md).
+# With as many runs as moments, candidates come in another order than under the true covariance
+# (experiments/results/paper.md).
 COVARIANCE_RUNS = 192
 SHORTLISTED = 5  # candidates, about
 QUICK = 0.5  # below it SUMO confirms one finalist only
