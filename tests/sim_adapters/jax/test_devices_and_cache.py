@@ -13,6 +13,7 @@ from tests.places import ROOT
 
 pytestmark = pytest.mark.long
 
+REASON = "another 20 s of compiling; on eight devices every commit sees that their number changes nothing"
 SCRIPT = ROOT / "tests/sim_adapters/jax/simulate_corridor.py"
 
 
@@ -49,7 +50,7 @@ def test_a_program_from_the_cache_gives_the_same_bits_and_need_not_be_compiled(
     assert again["compile_s"] < 0.5 * on_one_device["compile_s"]  # a twentieth, where nobody else computes
 
 
-@pytest.mark.parametrize("num_devices", [2, 8])
+@pytest.mark.parametrize("num_devices", [pytest.param(2, marks=pytest.mark.nightly(REASON)), 8])
 def test_each_run_is_the_same_to_the_bit_on_any_number_of_devices_and_in_any_place(
     simulate: Callable[[int], dict[str, Any]], on_one_device: dict[str, Any], num_devices: int
 ) -> None:
