@@ -15,6 +15,7 @@ import pytest
 
 from jaxcalib.calibration.objective.accuracy import TRAFFIC_LEVEL, VEHICLE_LEVEL
 from tests.places import CORRIDOR
+from tests.small_case import TRUE_INPUTS_VEHPH, TRUTH
 
 BUDGET = "0.05"
 SEARCH_PARTS = slice(4, 8)  # of the journal of a whole run: some of the search in the surrogate
@@ -71,13 +72,30 @@ def test_result_keeps_the_contract(result: dict):
     assert parts <= set(result["wall_s"])
 
 
-def test_calibration_comes_closer_to_drives_that_it_never_saw(result: dict):
-    """Only errors with many observations: so few runs leave those of rare events to chance."""
+def test_calibration_comes_closer_to_drives_that_it_never_saw(case: Path, result: dict):
+    """Only errors with many observations: so few runs leave those of rare events to chance.
+
+    Drives of a minute differ from one another by two thirds of what the calibration gains.
+    """
     frequent = ("subject_time_headway", "background_time_headway", "traffic_speed", "traffic_dynamics")
     before, after = (
         sum(result["moes"][kind]["held_out"][name] for name in frequent) for kind in ("no_calibration", "calibrated")
     )
-    assert after < 0.5 * before
+    assert after < (0.5 if case == CORRIDOR else 0.8) * before
+
+
+def test_the_field_s_drivers_are_found(case: Path, result: dict):
+    """Within what six drives of a minute tell: a tenth of the time gap, a twentieth of the speed.
+
+    The scenario has 1.1 s, 0.97 and 2700 veh/h.
+    """
+    if case == CORRIDOR:
+        pytest.skip("nobody knows its field's drivers")
+    driver = result["parameters"]["behaviour"]["car"]
+    assert driver["tau"] == pytest.approx(TRUTH["tau"], rel=0.1)
+    assert driver["speedFactor"] == pytest.approx(TRUTH["speedFactor"], rel=0.05)
+    # six minutes with 33 vehicles each: two standard errors are 14 %
+    assert result["parameters"]["demand"]["main"] == pytest.approx(TRUE_INPUTS_VEHPH["main"], rel=0.14)
 
 
 def test_report_is_one_file_without_scripts(out: Path):
