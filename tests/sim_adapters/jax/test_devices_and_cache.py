@@ -5,6 +5,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -14,18 +15,20 @@ from tests.places import ROOT
 pytestmark = pytest.mark.long
 
 REASON = "another 20 s of compiling; on eight devices every commit sees that their number changes nothing"
-SCRIPT = ROOT / "tests/sim_adapters/jax/simulate_corridor.py"
+SCRIPT = ROOT / "tests/sim_adapters/jax/simulate_case.py"
 
 
 @pytest.fixture(scope="module")
-def simulate(tmp_path_factory: pytest.TempPathFactory) -> Callable[[int], dict[str, Any]]:
+def simulate(small_case: Path, tmp_path_factory: pytest.TempPathFactory) -> Callable[[int], dict[str, Any]]:
     folder = tmp_path_factory.mktemp("devices")
     environment = {name: value for name, value in os.environ.items() if not name.startswith(("JAX_", "XLA_"))}
     environment |= {"JAXCALIB_CACHE": str(folder / "cache"), "PYTHONPATH": str(ROOT)}
 
     def run(num_devices: int) -> dict[str, Any]:
         result = folder / "result.json"
-        subprocess.run([sys.executable, str(SCRIPT), str(num_devices), str(result)], env=environment, check=True)
+        subprocess.run(
+            [sys.executable, str(SCRIPT), str(num_devices), str(small_case), str(result)], env=environment, check=True
+        )
         return json.loads(result.read_text())
 
     return run

@@ -1,4 +1,4 @@
-"""Run with a number of devices and a file to write: runs of a short drive on the corridor, as a process of its own.
+"""Run with a number of devices, a case and a file to write: runs of a short drive, as a process of its own.
 
 The file gets what each run came to, bit for bit, and how the batch lay on the devices.
 """
@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 from jaxcalib.cli.compilation_cache import keep_compiled_programs
-from tests.places import CORRIDOR
 
 keep_compiled_programs()
 
@@ -40,9 +39,9 @@ def runs_of_devices(parts: dict[str, Any], batch: int) -> list[list[int]]:
     return sorted(list(range(batch))[place[0]] for place in rows.values())
 
 
-def main(num_devices: int, result: Path) -> None:
+def main(num_devices: int, case: Path, result: Path) -> None:
     prepare_devices(num_devices)
-    problem = read_problem(CORRIDOR)
+    problem = read_problem(case)
     parts = {
         "template": problem.template,
         "observer": problem.tally,
@@ -76,4 +75,4 @@ def main(num_devices: int, result: Path) -> None:
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]), Path(sys.argv[2]))
+    main(int(sys.argv[1]), Path(sys.argv[2]), Path(sys.argv[3]))
