@@ -1,4 +1,4 @@
-"""What all tests share: programs compiled once, cores of one's own, and the corridor as scenario, world and problem.
+"""What all tests share: programs compiled once, cores of one's own, a small case, and the corridor in several forms.
 
 Fixtures import what they need when they are asked for it: JAX reads its environment when it is imported first.
 """
@@ -15,7 +15,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
+from filelock import FileLock
 
+from jaxcalib.cli.compilation_cache import keep_compiled_programs
 from tests.places import CORRIDOR, ROOT
 
 if TYPE_CHECKING:
@@ -28,13 +30,16 @@ if TYPE_CHECKING:
     from surrogate.road.traffic_state import TrafficState
 
 WORKER, NUM_WORKERS = "PYTEST_XDIST_WORKER", "PYTEST_XDIST_WORKER_COUNT"
-FOLDER = "JAX_COMPILATION_CACHE_DIR"
+PROGRAMS = "JAXCALIB_CACHE"
+FOLDER = "JAXCALIB_TESTS_FOLDER"
 IS_OURS = FOLDER not in os.environ  # workers inherit the folder of the process that started them
 
+# Programs are kept from one call of the tests to the next, too, as the command line keeps them: found by what they are
+# made from, so that what has changed is traced and compiled anew.
+os.environ.setdefault(PROGRAMS, str(ROOT / ".pytest_cache" / "programs"))
+keep_compiled_programs()
 if IS_OURS:
     os.environ[FOLDER] = tempfile.mkdtemp(prefix="jaxcalib-tests-")
-    os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0.2"
-    os.environ["JAX_COMPILATION_CACHE_MAX_SIZE"] = str(1 << 30)  # with a limit JAX locks the folder
 
 # Two workers whose surrogates each take all cores wait for one another: a whole diagnosis took 251 s alone and 605 s
 # beside another worker. On cores of their own they do not. Processes that a test starts inherit them.
@@ -64,6 +69,45 @@ def pytest_unconfigure(config: pytest.Config) -> None:
     """Remove the folder."""
     if IS_OURS:
         shutil.rmtree(os.environ.pop(FOLDER), ignore_errors=True)
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Begin with the checks of the house; then files that run simulators, so that short ones fill the end.
+
+    What a commit can do without is long as well.
+    """
+    for item in items:
+        if item.get_closest_marker("nightly"):
+            item.add_marker(pytest.mark.long)
+    house = {item.path for item in items if item.path.name == "test_house.py"}
+    long = {item.path for item in items if item.get_closest_marker("long") and not item.get_closest_marker("nightly")}
+    items.sort(key=lambda item: (item.path not in house, item.path not in long))
+
+
+def pytest_report_collectionfinish(items: list[pytest.Item]) -> list[str]:
+    """List the tests that only a nightly run makes, with the reasons, where they were asked for."""
+    marks = ((item.nodeid, item.get_closest_marker("nightly")) for item in items)
+    return [f"nightly: {name}: {mark.args[0]}" for name, mark in marks if mark is not None]
+
+
+@pytest.fixture(scope="session")
+def small_case() -> Path:
+    """A case of one kilometre, see `tests.small_case`; the workers share it, so whoever alters it copies it first."""
+    folder = Path(os.environ[FOLDER])
+    with FileLock(folder / "small.lock"):
+        if not (folder / "small").is_dir():
+            command = [sys.executable, "-m", "tests.small_case", str(folder / "being made" / "small")]
+            subprocess.run(command, cwd=ROOT, env=os.environ | {"PYTHONPATH": str(ROOT)}, check=True)
+            (folder / "being made" / "small").rename(folder / "small")
+    return folder / "small"
+
+
+@pytest.fixture(scope="session")
+def small_problem(small_case: Path) -> "CalibrationProblem":
+    from jaxcalib.problem.problem import read_problem
+
+    return read_problem(small_case)
 
 
 @pytest.fixture(scope="session")

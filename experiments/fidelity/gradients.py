@@ -133,13 +133,13 @@ def agreements(problem: CalibrationProblem, num_batches: int, difference: float)
             path.append(slope)
             ahead.append(drives(base + difference * direction, direction, batch)[0])
             behind.append(drives(base - difference * direction, direction, batch)[0])
-        found += _compare(
+        found += compare_slopes(
             moments, parameter, difference, *(np.concatenate(each) for each in (middle, path, ahead, behind))
         )
     return found
 
 
-def _compare(
+def compare_slopes(
     moments: Moments,
     parameter: str,
     difference: float,

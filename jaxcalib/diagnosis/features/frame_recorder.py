@@ -71,7 +71,8 @@ class FrameRecorder(eqx.Module):
         return RecordedFrames(
             state.number + frame.valid,
             state.subject.at[place].set(subject, mode="drop"),
-            state.objects.at[place].set(objects, mode="drop"),
+            # a narrow road has fewer objects than there are places
+            state.objects.at[place, :, : objects.shape[1]].set(objects, mode="drop"),
         )
 
     def finish(self, state: RecordedFrames) -> Float[Array, " word"]:

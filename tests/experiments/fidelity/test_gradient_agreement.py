@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from experiments.fidelity.gradients import Agreement, _compare
+from experiments.fidelity.gradients import Agreement, compare_slopes
 from jaxcalib.calibration.objective.moments import Moments
 from jaxcalib.measures.measure import Level
 
@@ -32,7 +32,7 @@ def tallies(step: float) -> np.ndarray:
 def found() -> tuple[Agreement, ...]:
     # a derivative of the drive as driven: right for the speed, and nothing for what is counted
     slope = np.stack([SPEED * STRENGTH, np.zeros(12), np.zeros(12)], axis=1)
-    return tuple(_compare(MOMENTS, "tau", H, tallies(0.0), slope, tallies(H), tallies(-H)))
+    return tuple(compare_slopes(MOMENTS, "tau", H, tallies(0.0), slope, tallies(H), tallies(-H)))
 
 
 def test_a_smooth_measure_agrees(found: tuple[Agreement, ...]) -> None:
@@ -59,5 +59,5 @@ def test_a_count_has_a_slope_but_no_derivative(found: tuple[Agreement, ...]) -> 
 def test_noise_does_not_count() -> None:
     shaken = tallies(H)
     shaken[:, 0] += RANDOM.normal(0.0, 0.2 * SPEED.mean(), 12)
-    speed, _ = _compare(MOMENTS, "tau", H, tallies(0.0), tallies(0.0), shaken, tallies(-H))
+    speed, _ = compare_slopes(MOMENTS, "tau", H, tallies(0.0), tallies(0.0), shaken, tallies(-H))
     assert not speed.counts

@@ -7,7 +7,7 @@ import pytest
 from rich.console import Console
 from sklearn.metrics import balanced_accuracy_score, roc_auc_score
 
-from experiments.fidelity.__main__ import _show_lane_changes
+from experiments.fidelity.__main__ import show_lane_changes
 from experiments.fidelity.gap_rules import GapRule, gap_rules
 from experiments.fidelity.lane_changes import ALWAYS, balanced_accuracy, lane_change_table, roc_area, scores
 from experiments.fidelity.recorded_decisions import LENGTH_M, TABLE, RecordedDecisions, read_decisions
@@ -118,7 +118,7 @@ def test_on_recorded_decisions_lc2013_is_better_than_always_accept(tmp_path: Pat
         assert rows[name]["fitted_balanced_accuracy_interval"][0] > 0.5
         assert rows[name]["log_loss"] < always["log_loss"]
     console = Console(record=True, width=160)
-    _show_lane_changes(console, list(rows.values()))
+    show_lane_changes(console, list(rows.values()))
     assert "2848 recorded lane-change decisions" in console.export_text()
     write_roc_figure(list(rows.values()), tmp_path / "roc.svg")
     assert (tmp_path / "roc.svg").read_text(encoding="utf-8").count("LC2013") == 3

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from experiments.fidelity.__main__ import _show_insertion, _show_transfer
+from experiments.fidelity.__main__ import show_insertion, show_transfer
 from experiments.fidelity.transfer import LEVELS, Transfer, cases_of, transfer_of
 from jaxcalib.calibration.stages.evaluator import Evaluations
 from jaxcalib.measures.measure import Level, Measure
@@ -77,16 +77,16 @@ def test_cases_that_failed_in_one_simulator_count_in_neither() -> None:
     assert some.measures[0].rank_correlation > 0.98
 
 
-def test_the_tables_show_what_is_missed_and_can_be_written() -> None:
+def test_the_tablesshow_what_is_missed_and_can_be_written() -> None:
     console = Console(record=True, width=140)
-    _show_transfer(console, found(0.8))
+    show_transfer(console, found(0.8))
     row = {
         "input": "on1",
         "demand_vehph": 1690.0,
         "sumo_share": np.float64(0.979),
         "surrogate_share": np.float64(0.892),
     }
-    _show_insertion(console, [row, row | {"surrogate_share": 0.97}])
+    show_insertion(console, [row, row | {"surrogate_share": 0.97}])
     text = console.export_text()
     assert "-20.0%  no" in text.replace("-19.9%", "-20.0%").replace("-20.1%", "-20.0%")
     assert "sign right in 2" in text

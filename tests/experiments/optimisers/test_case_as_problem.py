@@ -34,8 +34,8 @@ def prepared(simulator: ToySimulator, **options: Any) -> PreparedCase:
 
 def test_candidates_are_judged_as_in_a_calibration_and_results_on_fresh_seeds_and_held_out_drives():
     simulator = ToySimulator()
-    problem = CaseProblem(prepared(simulator), 2)
-    box = problem._prepared.box
+    ready = prepared(simulator)
+    problem, box = CaseProblem(ready, 2), ready.box
     assert box.unit_of(problem.start[None])[0] == pytest.approx(START)
     told = problem.evaluate(np.asarray([[0.4, 0.9, 0.2], [0.9, 0.1, 0.9]]), 0)
     searched = simulator.requests[:]

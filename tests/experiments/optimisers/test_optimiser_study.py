@@ -15,7 +15,6 @@ from experiments.optimisers.known_functions import FunctionProblem
 from experiments.optimisers.ranking import all_rank_tables, rank_table, summary_table
 from experiments.optimisers.registry import OPTIMISERS
 from jaxcalib.errors import CaseError
-from tests.places import CORRIDOR
 
 PROBLEM = FunctionProblem("rosenbrock", "failing", 3, 6)
 BUDGET = Budget(60)
@@ -183,10 +182,10 @@ def test_an_unknown_optimiser_is_refused_with_the_known_ones(tmp_path: Path, cap
 
 
 @pytest.mark.long
-def test_a_case_is_searched_in_the_surrogate_and_measured_on_fresh_seeds(tmp_path: Path):
+def test_a_case_is_searched_in_the_surrogate_and_measured_on_fresh_seeds(small_case: Path, tmp_path: Path):
     out = tmp_path / "study"
     options = ["--no-functions", "--seeds", "1", "--evaluations", "12", "--batch", "4", "--optimiser", "random"]
-    assert run(str(CORRIDOR), *options, "--out", str(out)) == 0
+    assert run(str(small_case), *options, "--out", str(out)) == 0
     rows = pd.read_parquet(out / "rows.parquet")
     assert rows["num_evaluated"].tolist() == [1, 3, 6, 12]
     assert rows["accuracy_seen"].is_monotonic_increasing

@@ -66,12 +66,15 @@ def test_a_pattern_that_was_begun_is_made_anew_and_one_that_is_there_is_kept(
 
 
 @pytest.mark.long
-def test_written_drives_read_back_as_what_sumo_showed(problem: CalibrationProblem, tmp_path: Path):
+def test_written_drives_read_back_as_what_sumo_showed(
+    small_case: Path, small_problem: CalibrationProblem, tmp_path: Path
+):
     """Logs at 0.1 s, matched and cleaned, show the tallies of the same SUMO runs folded directly."""
+    problem = small_problem
     values = tuple(true_values(problem, DEMANDS[1]).tolist())
     two = dataclasses.replace(problem, case=dataclasses.replace(problem.case, drives=problem.case.drives[:2]))
     folder = tmp_path / "case"
-    shutil.copytree(CORRIDOR, folder)
+    shutil.copytree(small_case, folder)
     write_drives(two, values, 77, folder, num_processes=1)
     with sumo_engine(problem, 1) as sumo:
         outcomes = sumo.run([RunRequest(values, 77 + n, drive.depart_s) for n, drive in enumerate(two.case.drives)])

@@ -85,14 +85,14 @@ def test_a_cluster_without_workers(
 @pytest.mark.long
 @pytest.mark.parametrize("engine", ["sumo", "surrogate"])
 def test_a_worker_that_is_killed_costs_no_row(
-    engine: str, address: str, workers: list[subprocess.Popen[bytes]], calm: Path, tmp_path: Path
+    engine: str, small_case: Path, address: str, workers: list[subprocess.Popen[bytes]], calm: Path, tmp_path: Path
 ):
     out = tmp_path / "sweep.parquet"
     num_candidates = 16 if engine == "sumo" else 96  # 3 blocks
     options = ["--design", f"lhs:{num_candidates}", "--seeds", "2", "--settings", str(calm)]
     options += ["--engine", engine, "--cluster", address, "--quiet"]
     sweep = subprocess.Popen(
-        [sys.executable, "-m", "jaxcalib", "sweep", str(CORRIDOR), "--out", str(out), *options],
+        [sys.executable, "-m", "jaxcalib", "sweep", str(small_case), "--out", str(out), *options],
         env=os.environ | {"PYTHONPATH": str(ROOT)}, cwd=ROOT,
     )  # fmt: skip
     parts = out.with_name("sweep.parquet.parts")

@@ -3,7 +3,6 @@
 import re
 
 import jax
-import jax.numpy as jnp
 import pytest
 
 from jaxcalib.cli.guarded import EXIT_RESOURCE, guarded
@@ -11,11 +10,8 @@ from sim_adapters.errors import TooLargeBatchError
 from sim_adapters.interface import RunRequest
 from sim_adapters.jax import device_memory
 from sim_adapters.jax.device_memory import check_memory, device_memory_bytes
-from sim_adapters.jax.simulator import JaxSimulator
 from sim_adapters.world.world_builder import WorldTemplate
-from surrogate.loop.world import Clock
-from surrogate.road.perception import Sensor
-from tests.sim_adapters.jax.diary import Diary
+from tests.sim_adapters.jax.frame_trace import corridor_engine
 
 
 def test_a_machine_has_memory_and_a_small_batch_fits() -> None:
@@ -36,16 +32,8 @@ def test_the_line_says_how_many_runs_fit(monkeypatch: pytest.MonkeyPatch) -> Non
 def test_a_simulator_refuses_such_a_batch_before_it_compiles(
     template: WorldTemplate, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    simulator = JaxSimulator(
-        template=template,
-        observer=Diary(),
-        sensor=Sensor(jnp.asarray(140.0), jnp.asarray(110.0), 24),
-        clock=Clock(step_s=0.1, steps_per_decision=10),
-        end_s=100.0,
-        capacity=190,
-        runs_per_device=50,
-    )
-    monkeypatch.setattr(device_memory, "device_memory_bytes", lambda device: 400_000)
+    simulator = corridor_engine(template, runs_per_device=50)
+    monkeypatch.setattr(device_memory, "device_memory_bytes", lambda device: 8_000_000)
     request = RunRequest(tuple(template.base_values()), 1, 41.0)
 
     def work() -> str:

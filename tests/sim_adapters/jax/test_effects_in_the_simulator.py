@@ -2,9 +2,6 @@
 
 from collections.abc import Mapping
 
-import equinox as eqx
-import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -13,14 +10,10 @@ from sim_adapters.jax.simulator import JaxSimulator
 from sim_adapters.world.world_builder import WorldTemplate
 from surrogate.effects.base import ActsOn, EffectSetting
 from surrogate.effects.registry import EFFECT_NAMES, EFFECTS
-from surrogate.loop.world import Clock
-from surrogate.road.perception import PerceptionFrame, Sensor
 
 pytestmark = pytest.mark.long
 
-END_S, DEPART_S = 260.0, 130.0
-NUM_FRAMES = 280
-FIELDS = ("time_s", "position", "speed", "objects", "offsets", "speeds", "rows", "lateral")
+DEPART_S = 130.0
 EVENT_S = 180.0
 PLACES = {
     "grade": {"route_from_m": 900.0, "route_to_m": 1700.0},
@@ -28,52 +21,6 @@ PLACES = {
     "rubbernecking": {"route_from_m": 900.0, "route_to_m": 1600.0, "time_from_s": EVENT_S, "time_to_s": 250.0},
     "blockage": {"route_from_m": 1800.0, "time_from_s": EVENT_S, "choice": 2.0},
 }
-
-
-class FrameSums(eqx.Module):
-    """Writes down, for each frame, sums in which every bit of it counts."""
-
-    def start(self) -> jax.Array:
-        return jnp.zeros((NUM_FRAMES, len(FIELDS)), jnp.float32)
-
-    def update(self, state: jax.Array, frame: PerceptionFrame) -> jax.Array:
-        weight = 1.0 + 0.37 * jnp.arange(frame.object_valid.shape[0])
-        there = jnp.where(frame.object_valid, weight, 0.0)
-        sums = jnp.stack(
-            [
-                frame.time_s,
-                frame.subject_position_m,
-                frame.subject_speed_mps,
-                jnp.sum(frame.object_valid, dtype=jnp.float32),
-                jnp.sum(there * frame.object_offset_m),
-                jnp.sum(there * frame.object_speed_mps),
-                jnp.sum(there * frame.object_row),
-                jnp.sum(there * frame.object_lateral_m),
-            ]
-        )
-        number = jnp.sum(state[:, 0] > 0.0)
-        return jnp.where(frame.valid, state.at[number].set(sums), state)
-
-    def finish(self, state: jax.Array) -> jax.Array:
-        return state
-
-
-@pytest.fixture(scope="module")
-def baseline(template: WorldTemplate) -> JaxSimulator:
-    return JaxSimulator(
-        template=template,
-        observer=FrameSums(),
-        sensor=Sensor(jnp.asarray(140.0, jnp.float32), jnp.asarray(110.0, jnp.float32), 24),
-        clock=Clock(step_s=0.1, steps_per_decision=10),
-        end_s=END_S,
-        capacity=300,
-        runs_per_device=8,
-    )
-
-
-@pytest.fixture(scope="module")
-def simulator(baseline: JaxSimulator) -> JaxSimulator:
-    return baseline.with_effects()
 
 
 def request(
@@ -84,27 +31,27 @@ def request(
 
 
 @pytest.fixture(scope="module")
-def outcomes(simulator: JaxSimulator, template: WorldTemplate) -> dict[str, RunOutcome]:
+def outcomes(with_effects: JaxSimulator, template: WorldTemplate) -> dict[str, RunOutcome]:
     """One run with each effect at its strong end, and one without any; all of the same seed."""
     mixes = {"none": {}} | {
         effect.name: {effect.name: EffectSetting(effect.strong, **PLACES.get(effect.name, {}))} for effect in EFFECTS
     }
-    made = simulator.run([request(template, 11, mix) for mix in mixes.values()])
+    made = with_effects.run([request(template, 11, mix) for mix in mixes.values()])
     return dict(zip(mixes, made, strict=True))
 
 
 def test_all_off_gives_the_baseline_bit_for_bit(
-    baseline: JaxSimulator, simulator: JaxSimulator, template: WorldTemplate
+    simulator: JaxSimulator, with_effects: JaxSimulator, template: WorldTemplate
 ) -> None:
     off = {
         name: EffectSetting(0.0, 700.0, 1900.0, 150.0, 240.0, choice=1.0, time_constant_s=9.0) for name in EFFECT_NAMES
     }
     worlds = [{}, {"tau": 1.7, "accel": 1.2}, {"main": 4100.0, "on1": 700.0}, {"speedFactor": 0.9, "lcStrategic": 4.0}]
-    usual = baseline.run([request(template, 3 + seed, **world) for seed, world in enumerate(worlds)])
-    bare = simulator.run([request(template, 3 + seed, **world) for seed, world in enumerate(worlds)])
+    usual = simulator.run([request(template, 3 + seed, **world) for seed, world in enumerate(worlds)])
+    bare = with_effects.run([request(template, 3 + seed, **world) for seed, world in enumerate(worlds)])
     strong = {effect.name: EffectSetting(effect.medium) for effect in EFFECTS}
     mixed = [request(template, 3 + seed, off, **world) for seed, world in enumerate(worlds)]
-    dialled = simulator.run([*mixed, request(template, 3, strong)])[:-1]  # whoever else is in the batch
+    dialled = with_effects.run([*mixed, request(template, 3, strong)])[:-1]  # whoever else is in the batch
     for one, two, three in zip(usual, bare, dialled, strict=True):
         assert one.status is Status.OK
         assert one.observed.tobytes() == two.observed.tobytes() == three.observed.tobytes()
@@ -112,19 +59,19 @@ def test_all_off_gives_the_baseline_bit_for_bit(
         assert one.num_vehicle_steps == two.num_vehicle_steps == three.num_vehicle_steps
 
 
-def test_a_simulator_without_effects_refuses_them(baseline: JaxSimulator, template: WorldTemplate) -> None:
+def test_a_simulator_without_effects_refuses_them(simulator: JaxSimulator, template: WorldTemplate) -> None:
     with pytest.raises(ValueError, match="with_effects"):
-        baseline.run([request(template, 3, {"grade": EffectSetting(0.02)})])
+        simulator.run([request(template, 3, {"grade": EffectSetting(0.02)})])
 
 
 def test_all_strengths_run_in_one_program(
-    simulator: JaxSimulator, template: WorldTemplate, outcomes: dict[str, RunOutcome]
+    with_effects: JaxSimulator, template: WorldTemplate, outcomes: dict[str, RunOutcome]
 ) -> None:
     assert len(outcomes) == 1 + len(EFFECTS)
-    compile_s = simulator.compile_s
+    compile_s = with_effects.compile_s
     pair = {"grade": EffectSetting(0.011, 500.0, 900.0), "reaction_delay": EffectSetting(0.83)}
-    assert simulator.run([request(template, 5, pair)])[0].status is Status.OK
-    assert simulator.compile_s == compile_s
+    assert with_effects.run([request(template, 5, pair)])[0].status is Status.OK
+    assert with_effects.compile_s == compile_s
 
 
 @pytest.mark.parametrize("effect", EFFECTS, ids=EFFECT_NAMES)
@@ -136,10 +83,10 @@ def test_each_effect_shows_in_the_frames(outcomes: dict[str, RunOutcome], effect
     assert outcomes[name].observed.tobytes() != outcomes["none"].observed.tobytes()
 
 
-def test_less_yielding_shows_where_drivers_are_willing(simulator: JaxSimulator, template: WorldTemplate) -> None:
+def test_less_yielding_shows_where_drivers_are_willing(with_effects: JaxSimulator, template: WorldTemplate) -> None:
     crowd = {"main": 4400.0, "on1": 900.0}
     less = {"cooperative_yielding": EffectSetting(-0.9)}
-    usual, other = simulator.run([request(template, 11, {}, **crowd), request(template, 11, less, **crowd)])
+    usual, other = with_effects.run([request(template, 11, {}, **crowd), request(template, 11, less, **crowd)])
     assert usual.observed.tobytes() != other.observed.tobytes()
 
 
@@ -163,11 +110,11 @@ def test_an_event_changes_nothing_before_its_time(outcomes: dict[str, RunOutcome
 
 @pytest.mark.parametrize("name", ["grade", "local_speed_reduction"])
 def test_a_place_changes_nothing_before_the_first_vehicle_could_carry_word_of_it(
-    simulator: JaxSimulator, template: WorldTemplate, name: str
+    with_effects: JaxSimulator, template: WorldTemplate, name: str
 ) -> None:
     """Word of a slope or a limit at 2950 m travels upstream with the queue only."""
     there = {name: EffectSetting(0.04 if name == "grade" else 0.2, 2950.0, 3100.0)}
-    usual, other = simulator.run([request(template, 21), request(template, 21, there)])
+    usual, other = with_effects.run([request(template, 21), request(template, 21, there)])
     early = (usual.observed[:, 0] > 0.0) & (usual.observed[:, 1] < 600.0)
     assert early.sum() > 15
     np.testing.assert_array_equal(other.observed[early], usual.observed[early])

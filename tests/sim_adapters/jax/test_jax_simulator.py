@@ -1,9 +1,8 @@
-"""Whole runs of the corridor through the engine, with a small observer of the test's own."""
+"""Whole runs of the corridor through the engine."""
 
 from collections.abc import Sequence
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -12,27 +11,11 @@ from sim_adapters.jax import simulator as jax_simulator
 from sim_adapters.jax.simulator import JaxSimulator, usual_runs_per_device
 from sim_adapters.world.world_builder import WorldTemplate
 from surrogate.loop.world import Clock
-from surrogate.road.perception import Sensor
-from tests.sim_adapters.jax.diary import Diary
+from tests.sim_adapters.jax.frame_trace import COLUMN, END_S, corridor_engine
 
 pytestmark = pytest.mark.long
 
-END_S = 110.0
-DEPART_S = 61.0  # so that runs end at `END_S` exactly: a decision earlier and then whole blocks of 10 s
-NAMES = ("frames", "objects", "subject_speed", "object_speed", "offset", "first_s", "last_s", "smallest_gap")
-
-
-@pytest.fixture(scope="module")
-def simulator(template: WorldTemplate) -> JaxSimulator:
-    return JaxSimulator(
-        template=template,
-        observer=Diary(),
-        sensor=Sensor(jnp.asarray(140.0, jnp.float32), jnp.asarray(110.0, jnp.float32), 24),
-        clock=Clock(step_s=0.1, steps_per_decision=10),
-        end_s=END_S,
-        capacity=190,
-        runs_per_device=3,
-    )
+DEPART_S = 211.0  # so that runs end at `END_S` exactly: a decision earlier and then whole blocks of 10 s
 
 
 @pytest.fixture(scope="module")
@@ -47,8 +30,8 @@ def requests(template: WorldTemplate) -> dict[str, RunRequest]:
         "lazy": request(7, tau=1.8, accel=1.3, speedFactor=0.91),
         "sparse": request(7, main=1500.0),
         "other seed": request(8),
-        "later": request(7, depart_s=81.0),
-        "ends later": request(7, depart_s=84.0),
+        "later": request(7, depart_s=231.0),
+        "ends later": request(7, depart_s=234.0),
         "never": request(7, depart_s=END_S + 41.0),
     }
 
@@ -61,7 +44,10 @@ def outcomes(simulator: JaxSimulator, requests: dict[str, RunRequest]) -> dict[s
 
 
 def told(outcome: RunOutcome) -> dict[str, float]:
-    return dict(zip(NAMES, outcome.observed.tolist(), strict=True))
+    rows = outcome.observed[outcome.observed[:, COLUMN["time"]] > 0.0]
+    sums = {name: float(rows[:, COLUMN[name]].sum()) for name in ("speed", "objects", "speeds")}
+    smallest_m = rows[:, COLUMN["smallest_gap"]].min()
+    return sums | {"frames": len(rows), "first_s": rows[0, 0], "last_s": rows[-1, 0], "smallest_gap": smallest_m}
 
 
 def assert_same_bits(one: RunOutcome, other: RunOutcome) -> None:
@@ -86,20 +72,17 @@ def test_frames_cover_the_drive_every_half_second(outcomes: dict[str, RunOutcome
         assert diary["last_s"] == pytest.approx(END_S, abs=0.5)
         assert diary["frames"] == 1 + round((diary["last_s"] - diary["first_s"]) / 0.5)
         assert diary["objects"] > 3 * diary["frames"]  # it is not alone
-        assert 5.0 < diary["subject_speed"] / diary["frames"] <= 20.0 + 1e-3  # its vType's maxSpeed
+        assert 5.0 < diary["speed"] / diary["frames"] <= 20.0 + 1e-3  # its vType's maxSpeed
 
 
 def test_steps_as_long_as_frames(template: WorldTemplate, requests: dict[str, RunRequest]) -> None:
     """They leave no step between a frame and a decision; the road is long enough for several tiles."""
-    coarse = JaxSimulator(
-        template, Diary(), Sensor(jnp.asarray(140.0), jnp.asarray(110.0), 24), Clock(0.5, 2),
-        end_s=END_S, capacity=480, runs_per_device=1,
-    )  # fmt: skip
+    coarse = corridor_engine(template, Clock(0.5, 2), capacity=480, runs_per_device=1)
     (outcome,) = coarse.run([requests["base"]])
     diary = told(outcome)
     assert outcome.status is Status.OK
     assert diary["frames"] == 1 + round((diary["last_s"] - diary["first_s"]) / 0.5)
-    assert 5.0 < diary["subject_speed"] / diary["frames"] <= 20.0 + 1e-3
+    assert 5.0 < diary["speed"] / diary["frames"] <= 20.0 + 1e-3
 
 
 def test_nobody_enters_who_has_not_arrived(outcomes: dict[str, RunOutcome]) -> None:
@@ -167,7 +150,7 @@ def test_a_run_that_is_interrupted_gives_the_same_bits_as_one_that_is_not(
 def test_another_behaviour_meets_the_same_arrivals(outcomes: dict[str, RunOutcome]) -> None:
     base, lazy = outcomes["base"], outcomes["lazy"]
     assert base.num_arrived.tolist() == lazy.num_arrived.tolist()
-    assert told(base)["object_speed"] != told(lazy)["object_speed"]
+    assert told(base)["speeds"] != told(lazy)["speeds"]
 
 
 def test_another_demand_or_seed_meets_other_arrivals(outcomes: dict[str, RunOutcome]) -> None:
@@ -200,7 +183,7 @@ def test_a_vector_with_a_number_that_is_none_is_a_failed_run_and_spoils_no_other
 
 def test_all_of_this_takes_one_compiled_program(simulator: JaxSimulator, outcomes: dict[str, RunOutcome]) -> None:
     assert all(outcome.status is Status.OK for outcome in outcomes.values())
-    assert simulator.capacity == 192  # rounded up, not grown
+    assert simulator.capacity == 320  # rounded up, not grown
     assert simulator.batch == 3 * len(jax.devices())
 
 

@@ -1,26 +1,39 @@
 """What every effect says of itself, and the settings that callers make."""
 
+import dataclasses
+import importlib
+import pkgutil
+
 import numpy as np
 import pytest
 
-from surrogate.effects.base import ActsOn, Dial, Effect, EffectSetting
+from surrogate import effects
+from surrogate.effects import registry
+from surrogate.effects.base import ActsOn, Dial, Effect, EffectSetting, Hook
 from surrogate.effects.registry import EFFECT_NAMES, EFFECT_NUMBER, EFFECTS, UnknownEffectError, effect_named
 from surrogate.effects.settings import settings_table
 
-# as results name them
-NAMES = """
-reaction_delay multi_anticipation acceleration_noise driver_heterogeneity memory slow_start lane_change_relaxation
-cooperative_yielding lane_change_duration keep_right grade local_speed_reduction heavy_vehicles platooned_arrivals
-ramp_inflow_error blockage rubbernecking gap_sensor_bias sensor_noise sensor_latency sensor_range subject_actuation_lag
-"""
-HOOKS = """
-inputs arrival newcomer behaviour new_class begin road perceive adapt command actuate remember decide settle appear
-watch sense
-"""
+# functions that an effect has or has not; the other fields describe it
+HOOKS = [field.name for field in dataclasses.fields(Effect) if field.type == Hook]
 
 
-def test_the_library_holds_what_results_can_name() -> None:
-    assert list(EFFECT_NAMES) == NAMES.split()
+def test_each_file_s_effect_is_in_the_registry_once_under_the_file_s_name() -> None:
+    modules = [
+        importlib.import_module(f"{effects.__name__}.{module.name}")
+        for module in pkgutil.iter_modules(effects.__path__)
+    ]
+    written = {
+        module.__name__.rpartition(".")[2]: value
+        for module in modules
+        if module is not registry
+        for value in vars(module).values()
+        if isinstance(value, Effect)
+    }
+    assert len(written) > 1
+    assert set(written) == set(EFFECT_NAMES)
+    assert all(written[effect.name] is effect for effect in EFFECTS)
+    assert len(set(EFFECT_NAMES)) == len(EFFECTS)
+    assert [EFFECT_NUMBER[name] for name in EFFECT_NAMES] == list(range(len(EFFECTS)))
 
 
 @pytest.mark.parametrize("effect", EFFECTS, ids=EFFECT_NAMES)
@@ -30,7 +43,7 @@ def test_an_effect_says_what_it_is(effect: Effect) -> None:
     assert effect.unit
     assert len(effect.source) > 20
     assert isinstance(effect.acts_on, ActsOn)
-    hooks = {hook for hook in HOOKS.split() if getattr(effect, hook) is not None}
+    hooks = {hook for hook in HOOKS if getattr(effect, hook) is not None}
     assert hooks
     if hooks & {"remember", "settle"}:
         assert "begin" in hooks

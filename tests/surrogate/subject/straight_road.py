@@ -98,8 +98,12 @@ def seen(road: Road, vehicles: VehicleArrays, head: jax.Array, model: SubjectMod
     return look_around(vehicles, head, road, classes_of(model), SUBJECT, far, far)
 
 
+TRACED: list[SubjectView] = []  # each view with which planning was traced
+
+
 @jax.jit
 def _plan(planner: Planner, view: SubjectView) -> Plan:
+    TRACED.append(view)
     return plan(planner, view, STEP_S * STEPS_PER_PLAN)
 
 

@@ -13,7 +13,7 @@ from tests.surrogate.subject.straight_road import (
     LENGTH_M,
     LIMIT_MPS,
     STEP_S,
-    _plan,
+    TRACED,
     classes_of,
     followed,
     merged,
@@ -158,11 +158,11 @@ def test_it_stands_before_the_end_of_its_lane_if_nobody_lets_it_in() -> None:
 
 
 def test_all_values_share_one_trace() -> None:
-    before = _plan._cache_size()
+    before = len(TRACED)
     planned(SUBJECT, BEHIND_SLOW, safety_weight=1.7)
-    known = _plan._cache_size()
+    known = len(TRACED)
     planned(SUBJECT, BEHIND_SLOW[::-1], comfort_weight=0.3, reaction_s=0.4)
-    assert _plan._cache_size() == known <= before + 1
+    assert len(TRACED) == known <= before + 1
 
 
 def test_accelerations_end_at_what_the_vehicle_may_do() -> None:

@@ -19,7 +19,7 @@ from jaxcalib.initial_values.initial_point import InitialPoint
 from jaxcalib.problem.problem import CalibrationProblem
 from jaxcalib.runs.seeds import SEEDS_PER_CALIBRATION
 from jaxcalib.runs.session import open_session
-from sim_adapters.interface import ParameterLayout, RunOutcome, RunRequest
+from sim_adapters.interface import ParameterLayout, RunOutcome, RunRequest, Status
 from surrogate.effects.base import EffectSetting
 
 
@@ -31,15 +31,15 @@ class Listener:
     layout: ParameterLayout = ParameterLayout((), (), (), ())
 
     def run(self, requests: Sequence[RunRequest]) -> list[RunOutcome]:
-        """Keep the requests."""
+        """Keep the requests, and let them succeed."""
         self.asked = list(requests)
-        return []
+        return [RunOutcome(one, Status.OK, np.ones(1), np.zeros(1, int), np.zeros(1, int), 0) for one in requests]
 
 
 def test_all_runs_get_the_effects():
     listener, effects = Listener([]), {"memory": EffectSetting(0.8)}
     requests = [RunRequest((1.0, 2.0), seed, 300.0) for seed in (4, 9)]
-    assert WithEffects(listener, effects).run(requests) == []
+    assert len(WithEffects(listener, effects).run(requests)) == 2
     assert [(one.values, one.seed, one.depart_s) for one in listener.asked] == [
         (one.values, one.seed, one.depart_s) for one in requests
     ]
@@ -64,9 +64,8 @@ def test_the_search_is_made_with_the_effects_and_its_difference_counts(monkeypat
     seeds = []
 
     def search(problem, initial, evaluator, settings, budget, session):
-        requests = evaluator.requests(np.asarray([1.0, 2.0]), 3)
-        evaluator._simulator.run(requests)
-        seeds.extend(request.seed for request in requests)
+        evaluator.evaluate(np.asarray([[1.0, 2.0]]), 3)
+        seeds.extend(request.seed for request in listener.asked)
         return SimpleNamespace(best=np.asarray([0.7, 0.2]))
 
     monkeypatch.setattr(recalibration, "search_two_stages", search)
