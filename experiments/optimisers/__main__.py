@@ -175,7 +175,7 @@ def _courses(
 
 def _of_problem(chosen: tuple[str, ...], problem: Problem, budget: Budget, journal: Path) -> Iterator[Course]:
     for name in chosen:
-        yield Course(name, problem, budget, journal / problem.name / f"{name}-{problem.seed}.jsonl")
+        yield Course(name, problem, budget, journal / problem.name / f"{name}-{problem.seed}")
 
 
 def _write_results(rows: Frame, out: Path) -> Frame:

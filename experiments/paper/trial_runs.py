@@ -21,11 +21,12 @@ from jaxcalib.problem.engines import sumo_engine, surrogate_engine
 from jaxcalib.problem.parameter_space import parameter_space, round_values
 from jaxcalib.problem.problem import CalibrationProblem, read_problem
 from jaxcalib.problem.settings import Settings
-from jaxcalib.runs.journal import JournaledSumo, JournaledSurrogate, write_atomically
+from jaxcalib.runs.journal import JournaledSumo, JournaledSurrogate
 from jaxcalib.runs.progress import Progress
 from jaxcalib.runs.run_folder import identify
 from jaxcalib.runs.seeds import FINAL_SEEDS, SEARCH_SEED
 from jaxcalib.runs.session import Session, open_session
+from sim_adapters.atomic_file import write_atomically
 
 # From the first case of Stage 1 to the values returned (Section 5.3.3); what the logs say before is not counted there.
 CALIBRATION_PARTS = ("stage1", "stage2_exploration", "stage2_optimisation", "confirmation")

@@ -14,11 +14,11 @@ from jaxcalib.html.page import render_page
 from jaxcalib.measures.registry import judged_measures
 from jaxcalib.problem.problem import CalibrationProblem
 from jaxcalib.runs.disk import writing_to
-from jaxcalib.runs.journal import write_atomically
 from jaxcalib.sweeps.columns import OBSERVATIONS
 from jaxcalib.sweeps.figures import dependence_figure, influence_figure
 from jaxcalib.sweeps.influence import candidate_means, rank_correlation
 from jaxcalib.sweeps.store import SweepStore
+from sim_adapters.atomic_file import write_atomically
 
 OTHER_COLUMNS = ["candidate", "status", "num_collisions", "num_teleports", "backlog_share", "wall_s"]
 LARGE_BACKLOG = 0.05

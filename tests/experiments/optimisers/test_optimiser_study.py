@@ -39,15 +39,18 @@ def without_times(rows: list[dict]) -> list[dict]:
     return [{key: value for key, value in row.items() if not key.endswith("_s")} for row in rows]
 
 
+def rounds_in(journal: Path) -> list[Path]:
+    return sorted(journal.glob("round-*.json"))
+
+
 @pytest.mark.parametrize("name", ["saga", "cma_es", "tpe", "saga_polish"])
 def test_a_killed_course_goes_on_to_the_same_result(name: str, tmp_path: Path):
-    whole = run_course(name, OPTIMISERS[name], PROBLEM, BUDGET, tmp_path / "whole.jsonl")
-    journal = tmp_path / "killed.jsonl"
+    whole = run_course(name, OPTIMISERS[name], PROBLEM, BUDGET, tmp_path / "whole")
+    journal = tmp_path / "killed"
     with pytest.raises(KilledError):
         run_course(name, OPTIMISERS[name], DiesAfter("rosenbrock", "failing", 3, 6), BUDGET, journal)
-    num_rounds = len(journal.read_text().splitlines())
-    with journal.open("a") as stream:
-        stream.write('{"points": [[0.1')  # the kill came while a line was written
+    num_rounds = len(rounds_in(journal))
+    (journal / ".round-000009.json.0a1b.draft").write_text('{"points": [[0.1')  # the kill came while it was written
     evaluated = []
 
     class Counts(FunctionProblem):
@@ -58,29 +61,46 @@ def test_a_killed_course_goes_on_to_the_same_result(name: str, tmp_path: Path):
     resumed = run_course(name, OPTIMISERS[name], Counts("rosenbrock", "failing", 3, 6), BUDGET, journal)
     assert without_times(resumed) == without_times(whole)
     assert min(evaluated) >= 30 > 0
-    assert len(journal.read_text().splitlines()) == num_rounds + len(evaluated)
+    assert len(rounds_in(journal)) == num_rounds + len(evaluated)
+
+
+def test_a_damaged_round_is_evaluated_again_and_the_later_ones_stay(tmp_path: Path):
+    whole = run_course("cma_es", OPTIMISERS["cma_es"], PROBLEM, BUDGET, tmp_path / "a")
+    damaged = rounds_in(tmp_path / "a")[2]
+    damaged.write_text(damaged.read_text()[:40])
+    (tmp_path / "a" / "rows.json").unlink()
+    evaluated = []
+
+    class Counts(FunctionProblem):
+        def evaluate(self, points: np.ndarray, first: int) -> Told:
+            evaluated.append(first)
+            return super().evaluate(points, first)
+
+    again = run_course("cma_es", OPTIMISERS["cma_es"], Counts("rosenbrock", "failing", 3, 6), BUDGET, tmp_path / "a")
+    assert without_times(again) == without_times(whole)
+    assert len(evaluated) == 1
 
 
 def test_a_finished_course_is_not_searched_again(tmp_path: Path):
-    rows = run_course("random", OPTIMISERS["random"], PROBLEM, BUDGET, tmp_path / "a.jsonl")
+    rows = run_course("random", OPTIMISERS["random"], PROBLEM, BUDGET, tmp_path / "a")
 
     def fails() -> Optimiser:
         raise AssertionError
 
-    assert run_course("random", fails, PROBLEM, BUDGET, tmp_path / "a.jsonl") == rows
+    assert run_course("random", fails, PROBLEM, BUDGET, tmp_path / "a") == rows
 
 
 def test_a_journal_of_another_optimiser_is_refused(tmp_path: Path):
-    journal = tmp_path / "a.jsonl"
+    journal = tmp_path / "a"
     run_course("random", OPTIMISERS["random"], PROBLEM, BUDGET, journal)
-    journal.with_suffix(".rows.json").unlink()
+    (journal / "rows.json").unlink()
     with pytest.raises(CaseError, match="begin anew"):
         run_course("sobol", OPTIMISERS["sobol"], PROBLEM, BUDGET, journal)
 
 
 def test_the_budget_is_kept_and_failures_never_win(tmp_path: Path):
-    rows = run_course("random", OPTIMISERS["random"], PROBLEM, Budget(61), tmp_path / "a.jsonl")
-    told = [json.loads(line) for line in (tmp_path / "a.jsonl").read_text().splitlines()]
+    rows = run_course("random", OPTIMISERS["random"], PROBLEM, Budget(61), tmp_path / "a")
+    told = [json.loads(file.read_text()) for file in rounds_in(tmp_path / "a")]
     accuracy = np.concatenate([one["accuracy"] for one in told])
     assert len(accuracy) == 61
     assert rows[-1]["num_evaluated"] == 61
@@ -110,7 +130,7 @@ def test_equal_time_ends_by_the_clock_of_optimiser_and_evaluations(tmp_path: Pat
             return state + 1
 
     problem = TakesTime("sphere", "exact", 3, 1)
-    rows = run_course("thinks", Thinks, problem, Budget(1000, 10.0), tmp_path / "a.jsonl", lambda: now[0])
+    rows = run_course("thinks", Thinks, problem, Budget(1000, 10.0), tmp_path / "a", lambda: now[0])
     # The start takes 2 s; each further round 1 s to ask and 2 s to evaluate: 2, 5, 8 and 11 s, the last of which began
     # before the end but counts no more.
     assert rows[-1]["num_evaluated"] == 9

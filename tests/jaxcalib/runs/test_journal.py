@@ -4,7 +4,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from jaxcalib.runs.journal import Journal, write_atomically
+from jaxcalib.runs.journal import Journal
+from sim_adapters.atomic_file import write_atomically
 from sim_adapters.interface import RunOutcome, RunRequest, Status
 from surrogate.effects.base import EffectSetting
 
@@ -87,6 +88,7 @@ def test_a_write_that_breaks_off_leaves_what_was_there(tmp_path: Path):
     with pytest.raises(OSError, match="disk full"):
         write_atomically(file, breaks_off)
     assert file.read_text() == "old"
+    assert [one.name for one in tmp_path.iterdir()] == ["result.json"]
 
 
 def test_a_run_with_an_effect_is_another_run(tmp_path: Path):
