@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from experiments.optimisers.interface import Told
 from jaxcalib.calibration.objective.evidence import evidence_of
 from jaxcalib.calibration.objective.objective import Objective
 from jaxcalib.calibration.objective.objective_choice import choose_objective
@@ -19,6 +18,7 @@ from jaxcalib.problem.engines import surrogate_engine
 from jaxcalib.problem.problem import CalibrationProblem
 from jaxcalib.problem.settings import Settings
 from jaxcalib.runs.seeds import FINAL_SEEDS, NOISE_OFFSET, SEEDS_PER_CALIBRATION
+from jaxcalib.search.optimiser import Told
 from sim_adapters.jax.simulator import JaxSimulator
 
 Points = Float[np.ndarray, "candidate parameter"]

@@ -10,9 +10,9 @@ from typing import Any, Protocol
 import numpy as np
 from jaxtyping import Float
 
-from experiments.optimisers.interface import Optimiser, Setting, Told
 from jaxcalib.errors import CaseError
 from jaxcalib.runs.parts import Parts
+from jaxcalib.search.optimiser import Optimiser, Setting, Told
 
 ROWS = "rows.json"
 CHECKPOINT_SHARES = (0.125, 0.25, 0.5, 1.0)  # of the budget
@@ -138,7 +138,7 @@ def run_course(
             history.append((num_evaluated, optimiser_s, evaluation_s, best_point, best_accuracy))
         began = clock()
         if len(history) > 1 and num_evaluated < budget.num_evaluations:
-            state = optimiser.tell(state, told)  # a round that was cut short is not told: it is the last
+            state, _ = optimiser.tell(state, told)  # a round that was cut short is not told: it is the last
         points = optimiser.ask(state)
         optimiser_s += clock() - began
     rows = _measured_rows(name, problem, budget, history, num_failed)

@@ -85,7 +85,7 @@ def build_result(record: CalibrationRecord) -> CalibrationResult:
             "surrogate_agrees": record.confirmation.agrees,
             "discrepancy_in_noise": record.confirmation.discrepancy.amplitude,
             "noise_floor_accuracy": record.found.objective.noise_floor_accuracy,
-            "flow_accuracy_stage1_saga_polish": list(record.found.stage_1_accuracy),
+            "flow_accuracy_stage1_stage2_polish": list(record.found.stage_1_accuracy),
             "stage2_undid_stage1": record.found.has_drifted,
             "gradient": _gradient(record),
         },

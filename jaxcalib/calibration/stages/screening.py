@@ -17,8 +17,8 @@ from jaxcalib.search import (
     orthogonal_array,
     soat,
 )
-from jaxcalib.search.levenberg_marquardt import levenberg_marquardt_step
-from jaxcalib.search.response_surface import ResponseSurface, fit_response_surface
+from jaxcalib.search.least_squares.response_surface import ResponseSurface, fit_response_surface
+from jaxcalib.search.least_squares.surface_step import levenberg_marquardt_step
 
 MOST_LEVELS = 4  # as in the paper's studies
 FEWER_LEVELS = 3  # where four would need an array of more than MOST_CASES

@@ -13,7 +13,7 @@ from jaxcalib.calibration.stages.budget import Budget
 from jaxcalib.calibration.stages.evaluator import Evaluator
 from jaxcalib.calibration.stages.gradient_refinement import GradientRefinement, refine
 from jaxcalib.calibration.stages.local_surface import local_surface
-from jaxcalib.calibration.stages.optimisation import Optimisation, optimise, polish, polish_config
+from jaxcalib.calibration.stages.optimisation import BATCH_SIZE, Optimisation, known_in, optimise, polish, polish_config
 from jaxcalib.calibration.stages.screening import Screening, screen, small_array
 from jaxcalib.calibration.stages.search_box import SearchBox, half_width_of, search_box
 from jaxcalib.calibration.stages.search_run import CourseEntry, Judged, SearchRun, best_of
@@ -23,9 +23,11 @@ from jaxcalib.problem.problem import CalibrationProblem
 from jaxcalib.problem.settings import Settings
 from jaxcalib.runs.seeds import NOISE_OFFSET
 from jaxcalib.runs.session import Session
-from jaxcalib.search import SagaConfig
+from jaxcalib.search.optimiser import Setting
+from jaxcalib.search.registry import OPTIMISERS
 
 POLISH_RADIUS = 0.25  # of the box of known widths
+LITERAL_EVALUATIONS = 16  # as printed, Algorithm 3 evaluates a generation more
 DRIFT = 2.0  # standard deviations of Stage 1's misfit over its drives
 
 STAGE_1 = "stage1"
@@ -40,14 +42,14 @@ class TwoStageResult:
     Attributes:
         stage_1: SOAT on the inputs.
         exploration: SOAT and range analysis on the driver parameters.
-        saga: SAGA on the critical ones.
+        optimised: the optimiser's search of the critical ones.
         polish: joint polish of all.
         refinement: what gradients made of the polish's result; None where there was nothing to differentiate.
         critical: places of the critical parameters.
         best: result in the unit cube.
         objective: the objective at the end.
         judged: candidates of the driver stages, for later surfaces.
-        stage_1_accuracy: flow-level accuracy of Stage 1's result, of SAGA's and of the polish's, same runs.
+        stage_1_accuracy: flow-level accuracy of Stage 1's result, of the optimiser's and of the polish's, same runs.
         has_drifted: whether Stage 2 had undone Stage 1 beyond noise.
         half_width: of the region that is searched around a point, for each parameter.
         course: all rounds.
@@ -55,7 +57,7 @@ class TwoStageResult:
 
     stage_1: Screening
     exploration: Screening
-    saga: Optimisation
+    optimised: Optimisation
     polish: Optimisation
     refinement: GradientRefinement | None
     critical: tuple[int, ...]
@@ -102,15 +104,15 @@ def search_two_stages(
         run = search.run_with(search.objective_at(exploration.best, budget.covariance_runs))
         critical = _critical(exploration, search.num_critical)
         explored = [_again(run, exploration.cases), _again(run, exploration.shortlist)]
-        saga = search.optimise_critical(run, exploration, stage_1.best, critical, explored, threshold)
-        session.progress.best(saga.best_accuracy)
-        known = [*explored, *saga.rounds]
-        joint_box = search_box(saga.best, range(len(initial.space.names)), search.half_width)
-        polished = search.polish_all(run, joint_box, saga, known)
+        optimised = search.optimise_critical(run, exploration, stage_1.best, critical, explored, threshold)
+        session.progress.best(optimised.best_accuracy)
+        known = [*explored, *optimised.rounds]
+        joint_box = search_box(optimised.best, range(len(initial.space.names)), search.half_width)
+        polished = search.polish_all(run, joint_box, optimised, known)
         known += polished.rounds
         refined = search.refine_drivers(run.objective, joint_box, polished.best, known)
         last_point = polished.best if refined is None else refined.unit
-        last = search.compare(run, np.stack([stage_1.best, saga.best, polished.best, last_point, search.start]))
+        last = search.compare(run, np.stack([stage_1.best, optimised.best, polished.best, last_point, search.start]))
         flow_objective = run.objective.of_level(Level.TRAFFIC)
         flow = run.with_objective(flow_objective).rejudge(last.pooled, last.values, last.num_runs)
         best = _winner(last, (1, 2, 3, 4))
@@ -118,7 +120,7 @@ def search_two_stages(
     return TwoStageResult(
         stage_1=stage_1,
         exploration=exploration,
-        saga=saga,
+        optimised=optimised,
         polish=polished,
         critical=tuple(int(one) for one in critical),
         best=last.unit[best],
@@ -215,18 +217,22 @@ class _Search:
     ) -> Optimisation:
         """Stage 2: search the critical parameters from where the screening left them."""
         held = _hold(exploration, inputs_from, critical)
-        if "saga" in self.settings.without:
+        if "optimiser" in self.settings.without:
             return _left_out(held, exploration.best_accuracy)
         box = search_box(held, critical, self.half_width)
-        seeds = np.vstack([held, self.start, best_of(explored, 4)])
-        config = SagaConfig(
-            population_size=self.budget.population_size,
-            num_generations=self.budget.num_generations,
-            accuracy_threshold=threshold,
-            stop_at_threshold=self.settings.literal,
-            literal=self.settings.literal,
+        setting = Setting(
+            num_parameters=len(box.chosen),
+            num_evaluations=self.budget.num_evaluations + LITERAL_EVALUATIONS * self.settings.literal,
+            batch_size=BATCH_SIZE,
+            start=box.box_of(held[None])[0],
+            has_slopes=False,
+            seed=self.session.seed,
+            more_starts=box.box_of(np.vstack([self.start, best_of(explored, 4)])),
+            accuracy_threshold=threshold if self.settings.literal else None,
+            known=known_in(run, box, explored, self.num_runs),
         )
-        return optimise(run, box, seeds, self.num_runs, config, self.session.seed, OPTIMISATION)
+        optimiser = OPTIMISERS[self.settings.stage_2_optimiser]()
+        return optimise(run, box, optimiser, setting, self.num_runs, OPTIMISATION)
 
     def polish_all(
         self, run: SearchRun, box: SearchBox, optimised: Optimisation, known: Sequence[Judged]
@@ -258,7 +264,7 @@ def _critical(exploration: Screening, num_critical: int) -> np.ndarray:
 
 
 def _hold(exploration: Screening, start: Float[np.ndarray, " parameter"], critical: np.ndarray) -> np.ndarray:
-    """Return the point whose critical parameters SAGA will move: they begin where the exploration ended.
+    """Return the point whose critical parameters are searched: they begin where the exploration ended.
 
     A parameter that is not critical keeps what the logs or the scenario say, unless its best level stands out from
     noise. (The paper does not say; the best level of a parameter without effect is a random one.)
@@ -289,7 +295,7 @@ def _winner(judged: Judged, places: tuple[int, ...]) -> int:
 
 
 def _has_drifted(objective: Objective, flow: Judged) -> bool:
-    """Return whether SAGA's result fits the flow worse than Stage 1's by more than its noise."""
+    """Return whether the optimiser's result fits the flow worse than Stage 1's by more than its noise."""
     if objective.is_relative:
         return bool(flow.accuracy[0] - flow.accuracy[1] > DRIFT * objective.relative_noise)
     misfit = np.sum(flow.residuals**2, axis=1)

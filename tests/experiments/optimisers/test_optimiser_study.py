@@ -10,11 +10,11 @@ from scipy.stats import friedmanchisquare, wilcoxon
 
 from experiments.optimisers.__main__ import app
 from experiments.optimisers.course import Budget, run_course
-from experiments.optimisers.interface import Optimiser, Setting, Told
 from experiments.optimisers.known_functions import FunctionProblem
 from experiments.optimisers.ranking import all_rank_tables, rank_table, summary_table
 from experiments.optimisers.registry import OPTIMISERS
 from jaxcalib.errors import CaseError
+from jaxcalib.search.optimiser import Optimiser, RoundInfo, Setting, Told, info_of
 
 PROBLEM = FunctionProblem("rosenbrock", "failing", 3, 6)
 BUDGET = Budget(60)
@@ -126,8 +126,8 @@ def test_equal_time_ends_by_the_clock_of_optimiser_and_evaluations(tmp_path: Pat
             now[0] += 1.0
             return np.full((4, 3), 0.2 + 0.01 * state)
 
-        def tell(self, state: int, told: Told) -> int:
-            return state + 1
+        def tell(self, state: int, told: Told) -> tuple[int, RoundInfo]:
+            return state + 1, info_of(told)
 
     problem = TakesTime("sphere", "exact", 3, 1)
     rows = run_course("thinks", Thinks, problem, Budget(1000, 10.0), tmp_path / "a", lambda: now[0])

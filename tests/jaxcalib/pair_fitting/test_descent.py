@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from jaxcalib.pair_fitting.batch import Misfit
-from jaxcalib.pair_fitting.descent import DAMPING_FACTORS, Descent, begin, descend
+from jaxcalib.search.least_squares.levenberg_marquardt import DAMPING_FACTORS, Descent, begin, descend
 
 VALLEY = np.asarray([[0.62, 0.31], [0.44, 0.75], [0.2, 0.9]]).T  # of three problems
 
@@ -24,7 +24,7 @@ def misfit_of(unit: np.ndarray) -> Misfit:
     )
 
 
-def started() -> Descent:
+def started() -> Descent[Misfit]:
     unit = np.full_like(VALLEY, 0.5)
     return begin(unit, misfit_of(unit))
 

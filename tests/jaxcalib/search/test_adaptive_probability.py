@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jaxcalib.search.adaptive_probability import adaptive_probability
+from jaxcalib.search.saga.genetic_operators import adaptive_probability
 
 
 def test_hand_computed_values_of_equations_21_and_22() -> None:

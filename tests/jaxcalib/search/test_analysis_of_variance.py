@@ -2,7 +2,7 @@ import numpy as np
 from scipy import stats
 
 from jaxcalib.search import analyse_ranges, orthogonal_array
-from jaxcalib.search.analysis_of_variance import analyse_variance
+from jaxcalib.search.range_analysis.analysis_of_variance import analyse_variance
 
 
 def test_one_factor_agrees_with_scipy() -> None:

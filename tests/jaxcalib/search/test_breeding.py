@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from jaxcalib.search import SagaConfig
-from jaxcalib.search.breeding import breed, pair_positions
+from jaxcalib.search.saga.breeding import breed, pair_positions
 
 POPULATION = np.random.default_rng(12).random((7, 4))
 ACCURACY = np.array([0.1, 0.75, -0.4, 0.3, np.nan, 0.5, -2.0])

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from jaxcalib.search.galois_field import FIELD_ORDERS, galois_field
+from jaxcalib.search.orthogonal_arrays.galois_field import FIELD_ORDERS, galois_field
 
 
 @pytest.mark.parametrize("order", FIELD_ORDERS)

@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from jaxcalib.search import genetic_operators as operators
+from jaxcalib.search.saga import genetic_operators as operators
 
 UNIT_VECTORS = arrays(np.float64, 5, elements=st.floats(0.0, 1.0))
 

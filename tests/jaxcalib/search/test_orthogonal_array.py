@@ -5,16 +5,16 @@ import numpy as np
 import pytest
 from jaxtyping import Int
 
-from jaxcalib.search import column_choice
-from jaxcalib.search.galois_field import FIELD_ORDERS
-from jaxcalib.search.orthogonal_array import (
+from jaxcalib.search.orthogonal_arrays import column_choice
+from jaxcalib.search.orthogonal_arrays.galois_field import FIELD_ORDERS
+from jaxcalib.search.orthogonal_arrays.orthogonal_array import (
     array_sizes,
     has_strength_three,
     has_strength_two,
     is_balanced,
     orthogonal_array,
 )
-from jaxcalib.search.projective_geometry import projective_geometry
+from jaxcalib.search.orthogonal_arrays.projective_geometry import projective_geometry
 
 # Taguchi's L9(3^4), as printed in Montgomery, Design and Analysis of Experiments, and in most textbooks.
 TAGUCHI_L9 = np.array(

@@ -4,8 +4,8 @@ from jaxtyping import Float
 from scipy import stats
 
 from jaxcalib.search import NO_LEVEL, RangeAnalysisConfig, analyse_ranges, orthogonal_array
-from jaxcalib.search.case_means import average_replicates
-from jaxcalib.search.range_noise import simulate_null_ranges
+from jaxcalib.search.range_analysis.case_means import average_replicates
+from jaxcalib.search.range_analysis.noise import simulate_null_ranges
 
 ARRAY = orthogonal_array(12, 4)
 # An unsymmetric effect of each level of each parameter; the ranges differ and are not in the order of the parameters.

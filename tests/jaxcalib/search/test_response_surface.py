@@ -4,9 +4,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from jaxcalib.search import GaussianPrior
-from jaxcalib.search.levenberg_marquardt import levenberg_marquardt_step, predicted_misfit
-from jaxcalib.search.local_design import local_design
-from jaxcalib.search.response_surface import ResponseSurface, fit_response_surface
+from jaxcalib.search.least_squares.response_surface import ResponseSurface, fit_response_surface
+from jaxcalib.search.least_squares.surface_step import levenberg_marquardt_step, predicted_misfit
+from jaxcalib.search.trust_region.local_design import local_design
 
 CENTER = np.array([0.31, 0.62, 0.44])
 INTERCEPT = np.array([0.7, -1.3])

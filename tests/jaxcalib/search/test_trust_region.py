@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from jaxtyping import Float
 
 from jaxcalib.search import GaussianPrior, SearchStatus, TrustRegionConfig, TrustRegionState, trust_region
-from jaxcalib.search.evaluated_points import EvaluatedPoints, compare_points
+from jaxcalib.search.trust_region.evaluated_points import EvaluatedPoints, compare_points
 
 RNG = np.random.default_rng(1)
 JACOBIAN = 3.0 * RNG.normal(size=(6, 4))

@@ -3,7 +3,7 @@
 import numpy as np
 
 from jaxcalib.calibration.result.uncertainty import information_of
-from jaxcalib.search.response_surface import ResponseSurface, fit_response_surface
+from jaxcalib.search.least_squares.response_surface import ResponseSurface, fit_response_surface
 
 NUM_MOMENTS, NUM_PARAMETERS, NUM_POINTS = 60, 5, 24
 RADIUS = 0.5

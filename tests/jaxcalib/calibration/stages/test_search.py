@@ -9,7 +9,9 @@ from jaxcalib.calibration.stages.local_surface import local_surface
 from jaxcalib.calibration.stages.optimisation import optimise, polish
 from jaxcalib.calibration.stages.screening import screen, smallest_array
 from jaxcalib.calibration.stages.search_box import half_width_of, search_box
-from jaxcalib.search import SagaConfig, TrustRegionConfig
+from jaxcalib.search import TrustRegionConfig
+from jaxcalib.search.optimiser import Setting
+from jaxcalib.search.optimisers.saga import Saga
 from tests.jaxcalib.calibration.toy import RESPONSE, SPACE, TRUTH, ToySimulator, toy_objective, toy_run
 
 WHOLE = search_box(np.full(3, 0.5), range(3), np.full(3, 0.5))
@@ -54,8 +56,7 @@ def test_a_failing_region_never_wins_and_never_enters_a_mean():
 
 def test_saga_and_polish_come_closer_to_the_truth():
     run = toy_run()
-    config = SagaConfig(population_size=12, num_generations=6, stop_at_threshold=False)
-    saga = optimise(run, WHOLE, START[None], 8, config, 3, "optimise")
+    saga = optimise(run, WHOLE, Saga(), Setting(3, 80, 8, START, False, 3), 8, "optimise")
     assert np.abs(saga.best - TRUTH).max() < 0.25
     done = polish(run, WHOLE, saga.best, 32, TrustRegionConfig(num_iterations=3), "optimise", saga.rounds)
     assert np.abs(done.best - TRUTH).max() < 0.12

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jaxcalib.diagnosis.features.drive_table import DriveTable
 from jaxcalib.diagnosis.features.features import Cell, TallyBook
+from surrogate.road.drive_table import DriveTable
 from surrogate.road.perception import NO_TRACK
 
 INTERVAL_S = 0.5

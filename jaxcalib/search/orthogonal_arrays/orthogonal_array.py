@@ -11,9 +11,9 @@ from itertools import product
 import numpy as np
 from jaxtyping import Int
 
-from jaxcalib.search.column_choice import choose_columns, collinear_triples
-from jaxcalib.search.galois_field import FIELD_ORDERS, galois_field
-from jaxcalib.search.projective_geometry import count_points, projective_geometry
+from jaxcalib.search.orthogonal_arrays.column_choice import choose_columns, collinear_triples
+from jaxcalib.search.orthogonal_arrays.galois_field import FIELD_ORDERS, galois_field
+from jaxcalib.search.orthogonal_arrays.projective_geometry import count_points, projective_geometry
 
 MOST_CASES = 1024
 

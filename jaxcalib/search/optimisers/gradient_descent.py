@@ -10,7 +10,7 @@ import numpy as np
 import optax
 from jaxtyping import Float
 
-from experiments.optimisers.interface import Optimiser, Setting, Told, generator
+from jaxcalib.search.optimiser import Optimiser, RoundInfo, Setting, Told, generator, info_of
 
 STEP_SIZE = 0.1  # of the unit range, at the beginning
 DIFFERENCE = 0.03  # of the unit range
@@ -51,7 +51,7 @@ class GradientDescent(Optimiser):
             return state.points.copy()
         return np.clip(state.points[:, None] + _offsets(state.points), 0.0, 1.0).reshape(-1, state.points.shape[1])
 
-    def tell(self, state: DescentState, told: Told) -> DescentState:
+    def tell(self, state: DescentState, told: Told) -> tuple[DescentState, RoundInfo]:
         """Return the state after a step of every start."""
         setting, (num_starts, num_parameters) = state.setting, state.points.shape
         if setting.has_slopes and told.slopes is not None:
@@ -67,7 +67,7 @@ class GradientDescent(Optimiser):
         points = np.clip(state.points + np.asarray(update, float), 0.0, 1.0)
         fresh = generator(setting.seed, state.step + 1).random((num_starts, num_parameters))
         points = np.where(is_lost[:, None], fresh, points)
-        return replace(state, points=points, adam=next_adam, step=state.step + 1)
+        return replace(state, points=points, adam=next_adam, step=state.step + 1), info_of(told)
 
 
 def _cost(setting: Setting) -> int:

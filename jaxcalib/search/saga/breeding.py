@@ -5,8 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from jaxcalib.search.adaptive_probability import adaptive_probability
-from jaxcalib.search.genetic_operators import (
+from jaxcalib.search.saga.config import SagaConfig
+from jaxcalib.search.saga.genetic_operators import (
+    adaptive_probability,
     blend_crossover,
     literal_weights,
     mutate,
@@ -15,7 +16,6 @@ from jaxcalib.search.genetic_operators import (
     uniform_crossover,
     windowed_weights,
 )
-from jaxcalib.search.saga_config import SagaConfig
 
 
 @dataclass(frozen=True)

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from jaxcalib.search.analysis_of_variance import AnalysisOfVariance, analyse_variance
-from jaxcalib.search.case_means import CaseMeans, average_replicates
-from jaxcalib.search.orthogonal_array import OrthogonalArray
-from jaxcalib.search.range_noise import RangeNoise, judge_ranges
+from jaxcalib.search.orthogonal_arrays.orthogonal_array import OrthogonalArray
+from jaxcalib.search.range_analysis.analysis_of_variance import AnalysisOfVariance, analyse_variance
+from jaxcalib.search.range_analysis.case_means import CaseMeans, average_replicates
+from jaxcalib.search.range_analysis.noise import RangeNoise, judge_ranges
 
 NO_LEVEL = -1  # best level of a parameter of which no level could be judged
 

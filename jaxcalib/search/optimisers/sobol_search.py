@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.stats import qmc
 
-from experiments.optimisers.interface import Optimiser, Setting, Told, generator
+from jaxcalib.search.optimiser import Optimiser, RoundInfo, Setting, Told, generator, info_of
 
 
 @dataclass(frozen=True)
@@ -31,6 +31,6 @@ class SobolSearch(Optimiser):
         sequence = qmc.Sobol(setting.num_parameters, rng=generator(setting.seed)).random(size)
         return sequence[state.num_asked : state.num_asked + setting.batch_size]
 
-    def tell(self, state: SobolState, told: Told) -> SobolState:
+    def tell(self, state: SobolState, told: Told) -> tuple[SobolState, RoundInfo]:
         """Return the state further on; what is told changes nothing."""
-        return replace(state, num_asked=state.num_asked + len(told.points))
+        return replace(state, num_asked=state.num_asked + len(told.points)), info_of(told)

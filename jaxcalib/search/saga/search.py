@@ -14,9 +14,9 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.stats import qmc
 
-from jaxcalib.search.breeding import Brood, breed
 from jaxcalib.search.evaluation import SearchStatus, is_successful
-from jaxcalib.search.saga_config import SagaConfig
+from jaxcalib.search.saga.breeding import Brood, breed
+from jaxcalib.search.saga.config import SagaConfig
 
 
 @dataclass(frozen=True)

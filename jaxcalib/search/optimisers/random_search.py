@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from experiments.optimisers.interface import Optimiser, Setting, Told, generator
+from jaxcalib.search.optimiser import Optimiser, RoundInfo, Setting, Told, generator, info_of
 
 
 @dataclass(frozen=True)
@@ -28,6 +28,6 @@ class RandomSearch(Optimiser):
         setting = state.setting
         return generator(setting.seed, state.batch).random((setting.batch_size, setting.num_parameters))
 
-    def tell(self, state: RandomState, told: Told) -> RandomState:
+    def tell(self, state: RandomState, told: Told) -> tuple[RandomState, RoundInfo]:
         """Return the state of the next batch; what is told changes nothing."""
-        return replace(state, batch=state.batch + 1)
+        return replace(state, batch=state.batch + 1), info_of(told)

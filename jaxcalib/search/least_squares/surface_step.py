@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.optimize import lsq_linear
 
-from jaxcalib.search.response_surface import ResponseSurface
+from jaxcalib.search.least_squares.response_surface import ResponseSurface
 
 MOST_STEPS = 30  # of the inner Gauss-Newton iteration; a linear surface needs one
 SMALLEST_STEP = 1e-10

@@ -5,7 +5,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
-from jaxcalib.search.orthogonal_array import orthogonal_array
+from jaxcalib.search.orthogonal_arrays.orthogonal_array import orthogonal_array
 
 
 def local_design(

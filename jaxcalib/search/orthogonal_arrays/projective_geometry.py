@@ -11,7 +11,7 @@ from itertools import product
 import numpy as np
 from jaxtyping import Int
 
-from jaxcalib.search.galois_field import galois_field
+from jaxcalib.search.orthogonal_arrays.galois_field import galois_field
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from experiments.optimisers.interface import Optimiser, Setting, Told, generator
+from jaxcalib.search.optimiser import Optimiser, RoundInfo, Setting, Told, generator, info_of
 
 STEP_DECAY, PERTURBATION_DECAY = 0.602, 0.101  # alpha and gamma
 PERTURBATION = 0.05  # c, of the unit range
@@ -53,8 +53,11 @@ class Spsa(Optimiser):
         steps = self._perturbation(state) * _directions(state)
         return np.clip(np.vstack([state.point, state.point + steps, state.point - steps]), 0.0, 1.0)
 
-    def tell(self, state: SpsaState, told: Told) -> SpsaState:
+    def tell(self, state: SpsaState, told: Told) -> tuple[SpsaState, RoundInfo]:
         """Return the state after a step down the averaged slope."""
+        return self._moved(state, told), info_of(told)
+
+    def _moved(self, state: SpsaState, told: Told) -> SpsaState:
         setting, directions = state.setting, _directions(state)
         following = replace(state, iteration=state.iteration + 1)
         here = float(told.accuracy[0])

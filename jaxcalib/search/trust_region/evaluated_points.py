@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
-from jaxcalib.search.levenberg_marquardt import GaussianPrior
+from jaxcalib.search.least_squares.surface_step import GaussianPrior
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ from itertools import combinations
 import numpy as np
 from jaxtyping import Bool, Int
 
-from jaxcalib.search.projective_geometry import ProjectiveGeometry
+from jaxcalib.search.orthogonal_arrays.projective_geometry import ProjectiveGeometry
 
 MOST_EXCHANGES = 200  # per start; the arrays that are used in practice settle after fewer than 20
 NUM_SHUFFLED_STARTS = 10

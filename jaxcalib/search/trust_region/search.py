@@ -15,7 +15,10 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Bool, Float
 
-from jaxcalib.search.evaluated_points import (
+from jaxcalib.search.evaluation import SearchStatus
+from jaxcalib.search.least_squares.response_surface import fit_response_surface
+from jaxcalib.search.least_squares.surface_step import GaussianPrior, levenberg_marquardt_step, predicted_misfit
+from jaxcalib.search.trust_region.evaluated_points import (
     EvaluatedPoints,
     append_points,
     compare_points,
@@ -23,12 +26,8 @@ from jaxcalib.search.evaluated_points import (
     measure_weights,
     misfit_at,
 )
-from jaxcalib.search.evaluation import SearchStatus
-from jaxcalib.search.levenberg_marquardt import GaussianPrior, levenberg_marquardt_step, predicted_misfit
-from jaxcalib.search.local_design import local_design
-from jaxcalib.search.response_surface import fit_response_surface
-from jaxcalib.search.trust_region_config import TrustRegionConfig
-from jaxcalib.search.trust_region_state import TrustRegionInfo, TrustRegionState, blank_info
+from jaxcalib.search.trust_region.local_design import local_design
+from jaxcalib.search.trust_region.records import TrustRegionConfig, TrustRegionInfo, TrustRegionState, blank_info
 
 
 def init(
