@@ -10,13 +10,14 @@ import os
 import time
 import zipfile
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from jaxcalib.disk import checked_disk, writing_to
+from jaxcalib.disk import checked_disk, writing_to, writing_to_scratch
 from sim_adapters.interface import ParameterLayout, RunOutcome, RunRequest, Status
 from sim_adapters.jax_simulator import JaxSimulator
 from sim_adapters.sumo_simulator import SumoSimulator
@@ -154,14 +155,16 @@ class JournaledSumo:
         """
         known = [self._journal.find("sumo", request) for request in requests]
         missing = [request for request, outcome in zip(requests, known, strict=True) if outcome is None]
-        waiting = self._simulator.submit(missing)
+        with writing_to_scratch():
+            waiting = self._simulator.submit(missing)
 
         def wait() -> list[RunOutcome]:
             outcomes = []
             began = time.perf_counter()
             for outcome in known:
                 if outcome is None:
-                    (made,) = checked_disk([next(waiting)()])
+                    with writing_to_scratch():  # a run that failed is made again
+                        (made,) = checked_disk([next(waiting)()])
                     now = time.perf_counter()
                     self._journal.add("sumo", [made], now - began)
                     began = now
@@ -190,11 +193,16 @@ def write_atomically(file: Path, write: Callable[..., object]) -> None:
         write: writes to an open binary file.
     """
     draft = file.with_name(f".{file.name}.draft")
-    with draft.open("wb") as stream:
-        write(stream)
-        stream.flush()
-        os.fsync(stream.fileno())
-    draft.replace(file)
+    try:
+        with draft.open("wb") as stream:
+            write(stream)
+            stream.flush()
+            os.fsync(stream.fileno())
+        draft.replace(file)
+    except BaseException:
+        with suppress(OSError):
+            draft.unlink(missing_ok=True)  # it takes room on a disk that has none
+        raise
 
 
 def _part_of(keys: list[str], outcomes: Sequence[RunOutcome]) -> dict[str, np.ndarray]:

@@ -3,6 +3,7 @@
 import shutil
 
 from jaxcalib.calibration.record import CalibrationRecord
+from jaxcalib.disk import writing_to
 from jaxcalib.report.write import report_html
 from jaxcalib.result import CalibrationResult, to_json
 from jaxcalib.run_folder import RunFolder
@@ -11,7 +12,8 @@ from sim_adapters.scenario_writer import write_scenario
 
 def write_outputs(record: CalibrationRecord, result: CalibrationResult, run_folder: RunFolder) -> None:
     """Write result.json, report.html and scenario/."""
-    write_calibrated_scenario(record, result, run_folder)
+    with writing_to(run_folder.path):
+        write_calibrated_scenario(record, result, run_folder)
     run_folder.write_text("report.html", report_html(record, result))
     run_folder.write_text("result.json", to_json(result))
 

@@ -16,6 +16,7 @@ from jaxcalib.calibration.record import CalibrationRecord
 from jaxcalib.calibration.seeds import CONFIRMATION_SEED, FINAL_SEEDS, MOST_SEED, SEARCH_SEED, SEEDS_PER_CALIBRATION
 from jaxcalib.calibration.value_search import plan_calibration, search_values
 from jaxcalib.case import Role
+from jaxcalib.disk import check_out, check_outside
 from jaxcalib.engines import prepare_devices, sumo_engine, surrogate_engine
 from jaxcalib.initial_values.initial_point import InitialPoint
 from jaxcalib.journal import Journal, JournaledSumo, JournaledSurrogate
@@ -58,10 +59,14 @@ def calibrate(
     Raises:
         CaseError: the case, the settings or RUN are wrong; one line says what.
         AllRunsFailedError: a simulator failed.
+        ResourceError: a disk is full.
     """
     began = time.perf_counter()
     if not 0 <= seed <= MOST_SEED or not 0.05 <= budget <= 100.0:
         raise ValueError(f"Expected a seed of 0 to {MOST_SEED} and a budget of 0.05 to 100; got {seed} and {budget}.")
+    if out is not None:
+        check_outside(Path(out), Path(case))
+        check_out(Path(out))
     chosen = settings if isinstance(settings, Settings) else read_settings(settings)
     prepare_devices(len(os.sched_getaffinity(0)))
     problem = read_problem(case)

@@ -12,6 +12,7 @@ from jaxcalib.diagnosis.drive_features import COARSE_S, DriveFeatures
 from jaxcalib.diagnosis.drive_table import DriveTable, as_logged, drive_table
 from jaxcalib.diagnosis.features import DriveTallies, TallyBook, gather_tallies
 from jaxcalib.diagnosis.identities import count_identities
+from jaxcalib.disk import checked_disk, writing_to_scratch
 from jaxcalib.problem import CalibrationProblem
 from sim_adapters.interface import RunRequest
 from sim_adapters.shared_runs import departures_apart, departures_s, drives_worth
@@ -132,6 +133,7 @@ def run_null(
 
     Raises:
         AllRunsFailedError: more than half of the runs failed.
+        ResourceError: the disk is full.
     """
     interval_s = fine_interval_s(problem)
     road = features.road
@@ -170,8 +172,11 @@ def run_null(
         frame_interval_s=interval_s,
         end_s=problem.parts.scenario.duration_s,
     ) as simulator:
-        for request, wait in zip(requests, simulator.submit(requests), strict=True):
-            outcomes.append(wait())
+        with writing_to_scratch():
+            waiting = simulator.submit(requests)
+        for request, wait in zip(requests, waiting, strict=True):
+            with writing_to_scratch():  # a run that failed is made again
+                outcomes += checked_disk([wait()])
             on_runs(int(request.depart_s == departures_s(request)[-1]))
     good = [outcome for outcome in outcomes if outcome.status.is_ok]
     if len(good) < (1.0 - MOST_FAILED_SHARE) * len(requests):

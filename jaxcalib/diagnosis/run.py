@@ -36,6 +36,7 @@ from jaxcalib.diagnosis.sumo_check import Check, check_in_sumo
 from jaxcalib.diagnosis.trials import Trial
 from jaxcalib.diagnosis.verdict import LEAST_EVIDENCE, judge
 from jaxcalib.diagnosis.visibility import atlas_of
+from jaxcalib.disk import check_out, check_outside
 from jaxcalib.engines import (
     prepare_devices,
     sumo_engine,
@@ -80,10 +81,14 @@ def diagnose(
     Raises:
         CaseError: the case or RUN are wrong; one line says what.
         AllRunsFailedError: a simulator failed.
+        ResourceError: a disk is full.
     """
     began = time.perf_counter()
     if not 0 <= seed <= MOST_SEED or not 0.05 <= budget <= 100.0:
         raise ValueError(f"Expected a seed of 0 to {MOST_SEED} and a budget of 0.05 to 100; got {seed} and {budget}.")
+    if out is not None:
+        check_outside(Path(out), Path(case))
+        check_out(Path(out))
     prepare_devices(len(os.sched_getaffinity(0)))
     problem = read_problem(case, as_stated=True)
     identity = identify(problem.case, {"command": "diagnose", "seed": seed, "budget": budget})

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from jaxcalib.diagnosis.features import Cell, DriveTallies
+from jaxcalib.disk import writing_to
 from jaxcalib.journal import write_atomically
 
 
@@ -23,7 +24,8 @@ class Stages:
         """
         self._folder = folder
         if folder is not None:
-            folder.mkdir(exist_ok=True)
+            with writing_to(folder):
+                folder.mkdir(exist_ok=True)
 
     def tallies(self, name: str, make: Callable[[], Mapping[str, DriveTallies]]) -> dict[str, DriveTallies]:
         """Return the tallies of a part, made only if they are not there yet.
@@ -47,7 +49,8 @@ class Stages:
             arrays[f"{number}_below"] = tallies.below
             arrays[f"{number}_depart_s"] = tallies.depart_s
             arrays[f"{number}_run"] = np.zeros(0, int) if tallies.run is None else tallies.run
-        write_atomically(file, lambda stream: np.savez(stream, **arrays))
+        with writing_to(self._folder):
+            write_atomically(file, lambda stream: np.savez(stream, **arrays))
         return made
 
 

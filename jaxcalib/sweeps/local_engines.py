@@ -2,10 +2,10 @@
 
 import collections
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Protocol
 
-from jaxcalib.disk import checked_disk
+from jaxcalib.disk import checked_disk, writing_to_scratch
 from jaxcalib.engines import SPARE_CAPACITY, sumo_engine, surrogate_engine
 from jaxcalib.problem import CalibrationProblem
 from jaxcalib.sweeps.plan import Engine, SweepPlan
@@ -128,11 +128,21 @@ class LocalSumo:
         waiting = iter(blocks)
         while True:
             while len(pending) < ahead and (block := next(waiting, None)) is not None:
-                pending.append((block, self._simulator.submit(plan.requests(block))))
+                pending.append((block, self._start(plan.requests(block))))
             if not pending:
                 return
-            block, runs = pending.popleft()
-            yield block, checked_disk([run() for run in runs])
+            block, wait = pending.popleft()
+            yield block, wait()
+
+    def _start(self, requests: Sequence[RunRequest]) -> Callable[[], list[RunOutcome]]:
+        with writing_to_scratch():
+            runs = self._simulator.submit(requests)
+
+        def wait() -> list[RunOutcome]:
+            with writing_to_scratch():  # a run that failed is made again
+                return checked_disk([run() for run in runs])
+
+        return wait
 
     def close(self) -> None:
         """End the processes and remove their files."""

@@ -12,7 +12,7 @@ import pandas as pd
 import pyarrow.parquet as pq
 
 from jaxcalib.calibration.evaluator import interleaved_departs_s
-from jaxcalib.disk import writing_to
+from jaxcalib.disk import check_out, check_outside, writing_to
 from jaxcalib.engines import prepare_devices
 from jaxcalib.errors import CaseError, quote
 from jaxcalib.parameter_space import ParameterSpace, parameter_space, round_values
@@ -116,6 +116,8 @@ def sweep(
     store = SweepStore(table)
     if resume and not store.is_begun:
         raise CaseError(table, "", "expected a sweep that was begun; there is none. Leave --resume out to begin one.")
+    if not store.is_complete:
+        check_out(table.parent)
     prepare_devices(len(os.sched_getaffinity(0)))
     problem = read_problem(case)
     chosen = settings if isinstance(settings, Settings) else read_settings(settings)
@@ -177,6 +179,8 @@ def merge_shards(out: Path | str, case: Path | str | None = None) -> SweepResult
     store = SweepStore(table)
     if not store.is_begun:
         raise CaseError(table, "", "expected a sweep that was begun; there is none.")
+    if not store.is_complete:
+        check_out(table.parent)
     problem = None if case is None else read_problem(case)
     description = store.description()
     if problem is not None:
@@ -242,10 +246,10 @@ def _check(engine: str, seeds: int, seed: int) -> None:
 def _table_path(out: Path, case: Path) -> Path:
     if out.suffix.lower() != ".parquet":
         raise CaseError("command line", "--out", f"expected a name that ends in .parquet, got {quote(out.name)}.")
-    if out.is_dir():
-        raise CaseError(out, "", "expected the name of a table, got a folder.")
-    if out.resolve().is_relative_to(case.resolve()):
-        raise CaseError(out, "", "expected a place outside the case's folder.")
+    check_outside(out, case)
+    with writing_to(out):
+        if out.is_dir():
+            raise CaseError(out, "", "expected the name of a table, got a folder.")
     return out
 
 

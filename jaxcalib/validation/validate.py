@@ -10,7 +10,7 @@ import numpy as np
 
 from jaxcalib.calibration.evaluator import AllRunsFailedError, gather
 from jaxcalib.case import Role
-from jaxcalib.disk import writing_to
+from jaxcalib.disk import check_out, check_outside
 from jaxcalib.engines import prepare_devices, sumo_engine
 from jaxcalib.errors import CaseError
 from jaxcalib.journal import JournaledSumo
@@ -81,22 +81,21 @@ def validate(
     began = time.perf_counter()
     if not FEWEST_ROUNDS <= seeds <= MOST_SEEDS:
         raise CaseError("command line", "--seeds", f"expected {FEWEST_ROUNDS} to {MOST_SEEDS}, got {seeds}.")
+    folder = Path(run) / FOLDER if out is None else Path(out)
+    check_outside(folder, Path(case))
+    check_out(folder)
     prepare_devices(len(os.sched_getaffinity(0)))
     problem = read_problem(case)
     calibrated = read_calibrated_run(Path(run), problem)
     role = drives or ("held_out" if problem.departs_s("held_out") else "fit")
     if not problem.departs_s(role):
         raise CaseError("command line", "--drives", f"expected a role that drives of the case have, got {role}.")
-    folder = Path(run) / FOLDER if out is None else Path(out)
     counted = None if counts is None else read_counts(Path(counts), problem)
     options = {
         "validate": list(calibrated.values), "seeds": seeds, "drives": role, "first": calibrated.first_seed,
         "counts": None if counted is None else [list(counted.places), np.nan_to_num(counted.vehicles, nan=-1).tolist()],
     }  # fmt: skip
-    with (
-        writing_to(folder),
-        open_run_folder(folder, identify(problem.case, options), resume) as run_folder,
-    ):
+    with open_run_folder(folder, identify(problem.case, options), resume) as run_folder:
         result = _validate(problem, calibrated, role, seeds, counted, run_folder, progress or Silent(), began)
         run_folder.write_text("validation.json", to_json(result))
         run_folder.write_text("validation.html", validation_html(result))
