@@ -8,6 +8,7 @@ import numpy as np
 from jaxcalib.calibration.budget import Budget, plan_budget
 from jaxcalib.calibration.confirmation import Confirmation, confirm
 from jaxcalib.calibration.evaluator import Evaluator
+from jaxcalib.calibration.scenario_check import start_scenario_check
 from jaxcalib.calibration.seeds import CONFIRMATION_SEED, SEARCH_SEED, SEEDS_PER_CALIBRATION
 from jaxcalib.calibration.two_stage import TwoStageResult, search_two_stages
 from jaxcalib.initial_values.initial_point import InitialPoint, find_initial_point, without_driver_logs
@@ -72,9 +73,10 @@ def search_values(
         stopwatch: takes the time of each part.
 
     Raises:
-        AllRunsFailedError: a simulator failed.
+        AllRunsFailedError: a simulator failed; where SUMO cannot run the scenario as it is, before the search begins.
     """
     first_seed = seed * SEEDS_PER_CALIBRATION
+    check = start_scenario_check(problem, first_seed, sumo.start)  # a run that the final errors need anyway
     with ThreadPoolExecutor(1) as thread:
         compiled = thread.submit(engine.prepare)  # meanwhile the logs are fitted
         progress.stage("initial_values")
@@ -83,6 +85,7 @@ def search_values(
             if "logs" in settings.without:
                 initial = without_driver_logs(initial)
         compiled.result()
+    check()
     surrogate = Evaluator(
         JournaledSurrogate(engine, journal), problem.departs_s("fit"), first_seed + SEARCH_SEED, progress.surrogate_runs
     )

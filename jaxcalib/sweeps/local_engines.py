@@ -5,6 +5,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Protocol
 
+from jaxcalib.calibration.scenario_check import start_scenario_check
 from jaxcalib.disk import checked_disk, writing_to_scratch
 from jaxcalib.engines import SPARE_CAPACITY, sumo_engine, surrogate_engine
 from jaxcalib.problem import CalibrationProblem
@@ -119,10 +120,16 @@ class LocalSumo:
 
     def __init__(self, problem: CalibrationProblem, num_processes: int | None = None) -> None:
         """Start the pool."""
+        self._problem = problem
         self._simulator = sumo_engine(problem, num_processes)
 
     def outcomes(self, plan: SweepPlan, blocks: Iterable[int]) -> Iterator[Done]:
-        """Make all runs of blocks; the next ones wait in the pool, so that no process idles."""
+        """Make all runs of blocks; the next ones wait in the pool, so that no process idles.
+
+        Raises:
+            AllRunsFailedError: SUMO cannot run the scenario as it is; said before any block is done.
+        """
+        check = start_scenario_check(self._problem, plan.first_seed, self._start)
         ahead = 1 + -(-2 * self._simulator.num_processes // plan.block_rows)
         pending: collections.deque = collections.deque()
         waiting = iter(blocks)
@@ -131,6 +138,7 @@ class LocalSumo:
                 pending.append((block, self._start(plan.requests(block))))
             if not pending:
                 return
+            check()
             block, wait = pending.popleft()
             yield block, wait()
 

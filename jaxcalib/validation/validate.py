@@ -9,6 +9,7 @@ from typing import Any, Literal
 import numpy as np
 
 from jaxcalib.calibration.evaluator import AllRunsFailedError, gather
+from jaxcalib.calibration.scenario_check import start_scenario_check
 from jaxcalib.case import Role
 from jaxcalib.disk import check_out, check_outside
 from jaxcalib.engines import prepare_devices, sumo_engine
@@ -118,8 +119,12 @@ def _validate(
     count_requests = [] if counted is None else _count_requests(calibrated, requests, seeds)
     progress.plan(0, len(requests) + len(count_requests))
     progress.stage("validation")
-    with sumo_engine(problem, fold=observer) as sumo:
-        outcomes = JournaledSumo(sumo, run_folder.journal).start(requests, progress.sumo_runs)()
+    with sumo_engine(problem, fold=observer) as pool:
+        sumo = JournaledSumo(pool, run_folder.journal)
+        check = start_scenario_check(problem, calibrated.first_seed, sumo.start)
+        wait = sumo.start(requests, progress.sumo_runs)
+        check()
+        outcomes = wait()
     rounds = complete_rounds(outcomes, len(logs))
     simulated_counts = _counts_of(problem, counted, count_requests, run_folder, progress)
     progress.stage("report")
