@@ -8,11 +8,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
 
+import pyarrow.parquet as pq
+
+from jaxcalib.calibration.evaluator import AllRunsFailedError
 from jaxcalib.errors import CaseError
 from jaxcalib.guarded import guarded
 from jaxcalib.sweeps.plan import Engine
 from jaxcalib.sweeps.progress import Silent, TerminalSweepProgress
 from jaxcalib.sweeps.sweep import SweepResult, merge_shards, sweep
+from sim_adapters.interface import Status
 
 
 @dataclass(frozen=True)
@@ -41,6 +45,7 @@ def run_sweep(options: SweepOptions) -> int:
     def work() -> str:
         with progress if isinstance(progress, TerminalSweepProgress) else nullcontext():
             result = _made(options, progress)
+        _refuse_all_failed(result)
         return "" if options.quiet else _summary(options, result)
 
     before = signal.signal(signal.SIGTERM, _stop)  # batch systems send it before they kill
@@ -62,6 +67,19 @@ def _made(options: SweepOptions, progress: Silent | TerminalSweepProgress) -> Sw
         seed=options.seed, parameters=options.parameters, settings=options.settings, shard=options.shard,
         cluster=options.cluster, resume=options.resume, progress=progress,
     )  # fmt: skip
+
+
+def _refuse_all_failed(result: SweepResult) -> None:
+    """Refuse a sweep, whose table is kept, without a single run to look at.
+
+    Raises:
+        AllRunsFailedError: all runs failed.
+    """
+    if result.is_complete and not result.statuses.get(Status.OK.name):
+        (first,) = next(pq.ParquetFile(result.path).iter_batches(1, columns=["status", "log_tail"])).to_pylist()
+        counts = ", ".join(f"{count} {name}" for name, count in result.statuses.items())
+        words = first["log_tail"] or Status[first["status"]].value
+        raise AllRunsFailedError(f"all {result.num_rows} runs failed ({counts}), see {result.path}", words)
 
 
 def _summary(options: SweepOptions, result: SweepResult) -> str:
