@@ -6,8 +6,10 @@ from typing import Any
 import numpy as np
 from scipy.spatial import KDTree
 
-from jaxcalib.errors import CaseError
+from jaxcalib.errors import CaseError, quote
 from sim_adapters.scenario.road_builder import RowMap
+from sim_adapters.scenario.route_network import RouteNetwork
+from sim_adapters.scenario.sumo_files import read_xml
 
 SAMPLE_M = 1.0  # distance of the points that the nearest lane is looked up among
 
@@ -72,14 +74,11 @@ def build_route_geometry(row_map: RowMap) -> RouteGeometry:
     """Return the geometry of the route's carriageway.
 
     Raises:
-        CaseError: the network has no geographic projection.
+        CaseError: the network has no projection that can be used.
     """
     network = row_map.network
     net, edges = network.net, network.main_edges
-    if not net.hasGeoProj():
-        raise CaseError(
-            network.file, "location", "expected a geographic projection; the logs' longitude and latitude refer to it."
-        )
+    projection = _projection(network)
     pieces = [
         (row_map.row_of_lane[(edge, index)], shape, start_m, end_m)
         for number, edge in enumerate(edges)
@@ -105,9 +104,26 @@ def build_route_geometry(row_map: RowMap) -> RouteGeometry:
         row_of_lane=row_of_lane,
         lane_centre_m=centre_m,
         lane_width_m=width_m,
-        projection=net.getGeoProj(),
+        projection=projection,
         net_offset_m=tuple(net.getLocationOffset()),
     )
+
+
+def _projection(network: RouteNetwork) -> Any:
+    """Return the projection from longitude and latitude in degrees to the network's plane, less its offset.
+
+    Raises:
+        CaseError: there is none ("!"), or one that only SUMO knows ("-", "UTM").
+    """
+    try:
+        return network.net.getGeoProj()
+    except (KeyError, RuntimeError):  # no <location>; what PROJ cannot read
+        location = read_xml(network.file).find("location")
+        found = "" if location is None else location.get("projParameter", "")
+        raise CaseError(
+            network.file, "location.projParameter", "expected a projection as PROJ writes it, for logs hold longitude "
+            f"and latitude; got {quote(found)}. Build the network from geographic data with netconvert --proj.utm.",
+        ) from None  # fmt: skip
 
 
 def _lane_pieces(row_map: RowMap, number: int, index: int) -> list[tuple[np.ndarray, float, float]]:
