@@ -51,7 +51,7 @@ class Wanted(eqx.Module):
 
     own_mps: Value
     leader_mps: Value
-    everybodys_mps: Value
+    everybodys_mps: Float[Array, " everybody"]
 
     @classmethod
     def of(cls, desired_mps: Value) -> "Wanted":
