@@ -72,6 +72,6 @@ def with_distant_drivers(
     for near, distant in zip(drivers.near, drivers.distant, strict=True):
         after = jnp.where((before == near) & ~is_near, distant, after)
         after = jnp.where((before == distant) & is_near, near, after)
-    means = [one.speed_factor_mean for one in classes]
+    means = [c.speed_factor_mean for c in classes]
     moved = select_by_class(means, after) - select_by_class(means, before)
     return with_changes(vehicles, vehicle_class=after, speed_factor=vehicles.speed_factor + moved)

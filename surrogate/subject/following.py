@@ -60,17 +60,17 @@ class SubjectFollowing(CarFollowingModel):  # pyright: ignore[reportGeneralTypeI
         return self.vtype.emergency_deceleration_mps2
 
     def acceleration(self, situation: FollowingSituation, step_s: float) -> Value:
-        """Return what the driver wants."""
+        """The driver's acceleration."""
         return self.driver.acceleration(situation, step_s)
 
     def stop_acceleration(self, situation: FollowingSituation, distance_m: Value, step_s: float) -> Value:
-        """Return how the driver stops."""
+        """The driver's acceleration."""
         return self.driver.stop_acceleration(situation, distance_m, step_s)
 
     def slow_acceleration(
         self, situation: FollowingSituation, distance_m: Value, target_speed_mps: Value, step_s: float
     ) -> Value:
-        """Return how the driver slows down."""
+        """The driver's acceleration."""
         return self.driver.slow_acceleration(situation, distance_m, target_speed_mps, step_s)
 
     def secure_gap_m(
@@ -83,4 +83,4 @@ class SubjectFollowing(CarFollowingModel):  # pyright: ignore[reportGeneralTypeI
 def driven_by(vehicle_class: VehicleClass, driver: CarFollowingModel) -> VehicleClass:
     """Return the class with another driver in the same vehicle."""
     following = SubjectFollowing(driver=driver, vtype=vehicle_class.car_following)  # pyright: ignore[reportCallIssue]
-    return eqx.tree_at(lambda one: one.car_following, vehicle_class, following)
+    return eqx.tree_at(lambda c: c.car_following, vehicle_class, following)
