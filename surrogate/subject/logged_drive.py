@@ -4,6 +4,8 @@ It reacts to nobody, so it may overlap another vehicle, or drive through it. Suc
 sees a leader with a negative gap and brakes, and where the two have passed each other they change places.
 """
 
+import dataclasses
+
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
@@ -118,12 +120,11 @@ def as_logged(candidates: Entrants, motion: LoggedMotion, road: Road, state: Tra
         row=jnp.where(flat, row, candidates.vehicles.row),
         speed_limit_mps=jnp.where(flat, limit, candidates.vehicles.speed_limit_mps),
     )
-    return Entrants(
+    return dataclasses.replace(
+        candidates,
         vehicles=newcomers,
         entry_ahead=jnp.where(is_subject, ahead, candidates.entry_ahead),
         enters=jnp.where(is_subject, begins, candidates.enters),
-        rank=candidates.rank,
-        is_subject=is_subject,
     )
 
 
