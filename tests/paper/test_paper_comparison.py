@@ -12,7 +12,7 @@ from experiments.paper.figures import all_figures
 from experiments.paper.report import write_report
 from experiments.paper.study import STUDY_FILE, read_study
 from experiments.paper.trial import TRIAL_FILE, Trial, read_trial, table_of, trial_json
-from jaxcalib.calibration.objective.accuracy import MEASURE_OF, VEHICLE_LEVEL
+from jaxcalib.calibration.objective.accuracy import MOES, VEHICLE_LEVEL
 from jaxcalib.errors import CaseError
 
 LEVEL = {"no_calibration": 0.4, "state_of_the_art": 0.3, "printed": 0.2, "improved": 0.1}
@@ -20,7 +20,7 @@ CRITICAL = {1: ["tau", "accel"], 2: ["tau", "minGap"], 3: ["decel", "minGap"]}
 
 
 def trial(method: str, pattern: int, repetition: int = 0) -> Trial:
-    errors: dict[str, float | None] = {name: LEVEL[method] + 0.01 * repetition for name in MEASURE_OF}
+    errors: dict[str, float | None] = {name: LEVEL[method] + 0.01 * repetition for name in MOES}
     errors["cut_ins"] = None
     has_stages = method in ("printed", "improved")
     return Trial(
@@ -30,7 +30,7 @@ def trial(method: str, pattern: int, repetition: int = 0) -> Trial:
         seed=pattern,
         role="held_out",
         errors=errors,
-        floor=dict.fromkeys(MEASURE_OF, 0.05),
+        floor=dict.fromkeys(MOES, 0.05),
         vehicle_level=sum(errors[name] or 0.0 for name in VEHICLE_LEVEL),
         surrogate_runs=0 if method == "no_calibration" else 1000,
         sumo_runs=8 if has_stages else 0,

@@ -18,7 +18,7 @@ from experiments.paper.methods import ABLATIONS, IMPROVED, PRINTED, settings_of
 from experiments.paper.study import StudyPlan, read_study, run_study
 from experiments.paper.trial import Trial
 from experiments.paper.trial_runs import Found
-from jaxcalib.calibration.objective.accuracy import MEASURE_OF
+from jaxcalib.calibration.objective.accuracy import MOES
 from jaxcalib.calibration.stages.evaluator import AllRunsFailedError, Evaluator
 from jaxcalib.errors import CaseError
 from jaxcalib.problem.settings import Settings
@@ -31,7 +31,7 @@ from toy import SPACE, TRUTH, ToySimulator, toy_objective
 def trial(method: str, pattern: int, repetition: int, seed: int) -> Trial:
     return Trial(
         method=method, pattern=pattern, repetition=repetition, seed=seed, role="held_out",
-        errors=dict.fromkeys(MEASURE_OF, 0.2), floor=dict.fromkeys(MEASURE_OF, 0.05), vehicle_level=1.0,
+        errors=dict.fromkeys(MOES, 0.2), floor=dict.fromkeys(MOES, 0.05), vehicle_level=1.0,
         surrogate_runs=10, sumo_runs=0, calibration_s=1.0, parameters={}, critical=[], num_drivers=3,
     )  # fmt: skip
 
