@@ -100,7 +100,7 @@ def departures_of_runs(problem: CalibrationProblem) -> list[tuple[float, ...]]:
 
 
 def num_runs_for(problem: CalibrationProblem, num_drives: int) -> int:
-    """Return how many runs tell as much as so many drives with a run of their own."""
+    """Number of runs that tell as much as so many drives with a run of their own."""
     dealt = departures_of_runs(problem)
     per_round = sum(map(len, dealt))
     if per_round == len(dealt):
