@@ -8,7 +8,7 @@ from jaxtyping import Array, Float
 from surrogate.vehicle.car_following_model import CarFollowingModel, FollowingSituation
 from surrogate.vehicle.vehicle_limits import limited_acceleration, next_speed_mps
 
-Value = Float[Array, " follower"]
+Value = Float[Array, "*step follower"]
 
 
 class ReplayStart(eqx.Module):
@@ -118,7 +118,9 @@ def follow(
     return after_speed(state, speed, leader.advance_m, step_s)
 
 
-def after_speed(state: ReplayState, speed_mps: Value, leader_advance_m: Value, step_s: float) -> ReplayState:
+def after_speed(
+    state: ReplayState, speed_mps: Value, leader_advance_m: Float[Array, "..."], step_s: float
+) -> ReplayState:
     """Return the followers one step later, given the speeds that they reach; linear, so tangents obey it as well."""
     gap = state.gap_m + leader_advance_m - step_s * speed_mps
     return ReplayState(speed_mps, (speed_mps - state.speed_mps) / step_s, gap)

@@ -73,7 +73,7 @@ class FreeModel(LaneChangeModel):
             is_asked_to_help: whether somebody who must change in this direction has asked for room.
         """
 
-    def most_asked_mps2(self) -> Value:
+    def most_asked_mps2(self) -> Float[Array, "..."]:
         """Return the hardest braking that the driver does for others' lane changes; inf for any that they ask."""
         return jnp.asarray(jnp.inf)
 

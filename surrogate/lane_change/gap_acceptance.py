@@ -101,7 +101,7 @@ class Blocked(eqx.Module):
         return self.by_leader | self.by_follower
 
 
-def blocked(ego: Ego, side: Side, following: Following, assertive: Value, step_s: float) -> Blocked:
+def blocked(ego: Ego, side: Side, following: Following, assertive: Float[Array, "..."], step_s: float) -> Blocked:
     """Whether the gaps on one side are too short.
 
     A gap must exceed the secure gap of whoever would then follow, divided by `assertive`.

@@ -53,7 +53,9 @@ class Lc2013(LaneChangeModel):
         return self
 
 
-def route_only(strategic: Value, assertive: Value, look_ahead_left: Value) -> Lc2013:
+def route_only(
+    strategic: Float[Array, "..."], assertive: Float[Array, "..."], look_ahead_left: Float[Array, "..."]
+) -> Lc2013:
     """Return a record for models whose own motives take the place of LC2013's."""
     neutral = jnp.ones((), jnp.float32)
     return Lc2013(

@@ -30,7 +30,7 @@ class Guide:
         left_row: row on the left; -1 where there is none.
     """
 
-    def __init__(self, word: Int[Array, " vehicle"]) -> None:
+    def __init__(self, word: Int[Array, "..."]) -> None:
         """Take a word of `guide_table` apart."""
         self.right_row, word = _field(word, ROW_BITS)
         self.left_row, word = _field(word, ROW_BITS)

@@ -78,7 +78,7 @@ class Vissim(FreeModel):
         """Return the parameters for the route as a record of LC2013."""
         return route_only(self.strategic, jnp.ones((), jnp.float32), self.look_ahead_left)
 
-    def most_asked_mps2(self) -> Value:
+    def most_asked_mps2(self) -> Float[Array, "..."]:
         """Return CoopDecel, (9)."""
         return self.cooperative_deceleration_mps2
 
@@ -95,7 +95,7 @@ class Vissim(FreeModel):
         behind = following.of(side.follower_class)
         before_m = jnp.maximum(ego.need.remaining_m, 0.0) / self.deceleration_reduction_distance_m
 
-        def accepted_mps2(most: Value, least: Value) -> Value:
+        def accepted_mps2(most: Float[Array, "..."], least: Float[Array, "..."]) -> Value:
             return jnp.where(is_necessary, jnp.maximum(least, most - before_m), least)
 
         own = accepted_mps2(self.max_deceleration_own_mps2, self.accepted_deceleration_own_mps2)

@@ -6,7 +6,7 @@ from typing import TypeVar
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Float, Int, Shaped
 
 from surrogate.vehicle.car_following_model import CarFollowingModel, FollowingSituation
 from surrogate.vehicle.habits import HABIT_OF_FIELD, Habits, with_habits
@@ -41,7 +41,7 @@ class VehicleClass(eqx.Module):
     speed_factor_deviation: Value
 
 
-def select_by_class(values: Sequence[Value], vehicle_class: Int[Array, "..."]) -> Value:
+def select_by_class(values: Sequence[Shaped[Array, "..."]], vehicle_class: Int[Array, "..."]) -> Shaped[Array, "..."]:
     """Return for each entry the value of its class; heads and empty entries get that of class 0.
 
     A chain of selects, because there are few classes and a gather costs more than two of them.

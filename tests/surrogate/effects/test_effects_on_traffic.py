@@ -1,7 +1,5 @@
 """Effects on demand, composition, road and lane changing, each against its own rule."""
 
-import dataclasses
-
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -68,7 +66,7 @@ def test_ramp_error_scales_one_input_and_no_other(template: WorldTemplate) -> No
     values = jnp.asarray(template.base_values(), jnp.float32)
     at = jnp.asarray(3), jnp.asarray(300.0)
     usual = template.world(values, *at, effects_of({}))
-    wrong = template.world(values, *at, effects_of({"ramp_inflow_error": EffectSetting(-0.3, choice=1)}))
+    wrong = template.world(values, *at, effects_of({"ramp_inflow_error": EffectSetting(-0.3, choice=1.0)}))
     share = np.asarray(wrong.demand_vehps) / np.asarray(usual.demand_vehps)
     np.testing.assert_allclose(sorted(share), [0.7, 1.0], rtol=1e-6)
     assert np.asarray(usual.demand_vehps).tobytes() == np.asarray(template.world(values, *at).demand_vehps).tobytes()
@@ -178,8 +176,10 @@ def test_nobody_begins_a_lane_change_in_the_midst_of_one() -> None:
     vehicles = vehicles_with(settings)
     direction = jnp.asarray([STAY, LEFT, STAY, RIGHT, STAY, STAY, STAY])
     memory = effect.settle(dial, moment_of(vehicles), direction)
-    wish = {name: jnp.zeros((7,)) for name in LaneChangeDecision.__dataclass_fields__}
-    decision = dataclasses.replace(LaneChangeDecision(**wish), direction=jnp.full((7,), LEFT, jnp.int32))
+    nothing, nobody = jnp.zeros((7,)), jnp.zeros((7,), jnp.int32)
+    numbers = dict.fromkeys(("reason", "entry_ahead", "target_row"), nobody)
+    values = dict.fromkeys(LaneChangeDecision.__dataclass_fields__, nothing) | numbers
+    decision = LaneChangeDecision(**(values | {"direction": jnp.full((7,), LEFT, jnp.int32)}))
     for step in range(30):
         vehicles = with_changes(vehicles, personal=dict(vehicles.personal or {}) | {effect.name: memory})
         moment = moment_of(vehicles, step)

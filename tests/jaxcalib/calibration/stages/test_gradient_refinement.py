@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from jax import Array
-from jaxcalib.search.response_surface import ResponseSurface
+from jaxcalib.search.least_squares.response_surface import ResponseSurface
 
 from jaxcalib.calibration.objective.evidence import Evidence, independent_evidence
 from jaxcalib.calibration.stages.gradient_refinement import GradientRefinement, refine
