@@ -4,6 +4,7 @@ Attributes are the names by which users know the parameters, so they are jaxcali
 them are in SI, so no factor is needed. Defaults are those of SUMO 1.28 for the vehicle class "passenger".
 """
 
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -90,6 +91,12 @@ _MODEL: dict[str, dict[str, Place]] = {
     },
 }
 MODELS = tuple(_MODEL)
+# Of SUMO's models that the surrogate lacks; what a vehicle wants (a time gap, an acceleration) is the same there.
+NEAREST_MODEL = {
+    "IDMM": "IDM", "EIDM": "IDM", "ACC": "IDM", "CACC": "IDM", "Wiedemann": "W99", "KraussOrig1": "Krauss",
+    "KraussPS": "Krauss", "KraussX": "Krauss", "SmartSK": "Krauss", "Daniel1": "Krauss", "PWagner2009": "Krauss",
+    "BKerner": "Krauss", "Rail": "Krauss",
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -114,23 +121,36 @@ def following_attributes(model: str) -> tuple[str, ...]:
     return tuple(_MODEL[model]) + (() if model == "W99" else ("decel",))  # SUMO's W99 takes decel for lane changes only
 
 
-def attribute_values(attributes: Mapping[str, str], model: str) -> dict[str, float]:
+def nearest_model(name: str) -> str:
+    """The car-following model of the surrogate that is nearest to one of SUMO's."""
+    return name if name in MODELS else NEAREST_MODEL.get(name, "Krauss")
+
+
+def attribute_values(
+    attributes: Mapping[str, str], model: str, said: Mapping[str, float] | None = None
+) -> dict[str, float]:
     """Return every known attribute of a vType as a number, SUMO's default where the vType is silent.
 
     Args:
         attributes: attributes as written in the file.
         model: car-following model, one of `MODELS`.
+        said: numbers that SUMO itself gives for the vType; they stand for what the file does not say.
 
     Raises:
         ValueError: a value is not a number; the message names the attribute.
     """
     defaults = COMMON_DEFAULTS | CLASS_DEFAULTS.get(attributes.get("vClass", "passenger"), CLASS_DEFAULTS["passenger"])
     defaults = defaults | MODEL_DEFAULTS[model]
+    if said:
+        defaults |= {name: value for name, value in said.items() if name in defaults or name == "sigma"}
+        if model not in ("Krauss",) or defaults.get("sigma", 0.0) < 0.0:
+            defaults.pop("sigma", None)  # of models without imperfection SUMO says -1
+            defaults |= {"sigma": MODEL_DEFAULTS["Krauss"]["sigma"]} if model == "Krauss" else {}
     written = dict(attributes)
-    factor = written.get("speedFactor", "")
-    if factor.startswith("normc("):
-        mean, deviation, *_ = factor[len("normc(") : -1].split(",")
-        written["speedFactor"], written["speedDev"] = mean, deviation
+    factor = written.get("speedFactor", "").replace(" ", "")
+    distribution = re.fullmatch(r"norm(c?)\(([^,)]*)(?:,([^,)]*))?(?:,[^)]*)?\)", factor)
+    if distribution:
+        written["speedFactor"], written["speedDev"] = distribution.group(2), distribution.group(3) or "0"
     values: dict[str, float] = {}
     for name in known_attributes(model):
         text = written.get(name)
