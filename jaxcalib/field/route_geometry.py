@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 from scipy.spatial import KDTree
 
-from jaxcalib.errors import CaseError
 from sim_adapters.scenario.road_builder import RowMap
 
+NO_PROJECTION = ("!", "-", "")
 SAMPLE_M = 1.0  # distance of the points that the nearest lane is looked up among
 
 
@@ -35,7 +35,7 @@ class RouteGeometry:
         row_of_lane: row of each (edge, lane), -1 where there is no such lane.
         lane_centre_m: centre of each (edge, lane) across the road, + left, in one coordinate for the whole route.
         lane_width_m: its width.
-        projection: of the network, from longitude and latitude in degrees.
+        projection: of the network, from longitude and latitude in degrees; None where it has none.
         net_offset_m: added to the projected coordinates.
     """
 
@@ -62,6 +62,20 @@ class RouteGeometry:
         """Length of the route."""
         return float(self.edge_end_m[-1])
 
+    @property
+    def has_projection(self) -> bool:
+        """Whether longitude and latitude mean something in the network."""
+        return self.projection is not None
+
+    def point_on_edge(self, edge: int, position_m: float) -> np.ndarray:
+        """Point (x, y) on the rightmost lane of an edge (its index), at a distance from the edge's beginning."""
+        order = self.by_row[int(self.row_of_lane[edge, 0])]
+        place_m = float(self.edge_start_m[edge]) + position_m
+        before = int(np.searchsorted(self.begin_m[order], place_m, side="right")) - 1
+        segment = order[int(np.clip(before, 0, len(order) - 1))]
+        share = np.clip((place_m - self.begin_m[segment]) / self.length_m[segment], 0.0, 1.0)
+        return self.begin_xy[segment] + share * self.step_xy[segment]
+
     def edge_at(self, position_m: np.ndarray) -> np.ndarray:
         """Return the index of the edge at a position; before and behind the route the first and the last one."""
         index = np.searchsorted(self.edge_start_m, position_m, side="right") - 1
@@ -69,17 +83,9 @@ class RouteGeometry:
 
 
 def build_route_geometry(row_map: RowMap) -> RouteGeometry:
-    """Return the geometry of the route's carriageway.
-
-    Raises:
-        CaseError: the network has no geographic projection.
-    """
+    """Return the geometry of the route's carriageway."""
     network = row_map.network
     net, edges = network.net, network.main_edges
-    if not net.hasGeoProj():
-        raise CaseError(
-            network.file, "location", "expected a geographic projection; the logs' longitude and latitude refer to it."
-        )
     pieces = [
         (row_map.row_of_lane[(edge, index)], shape, start_m, end_m)
         for number, edge in enumerate(edges)
@@ -105,9 +111,16 @@ def build_route_geometry(row_map: RowMap) -> RouteGeometry:
         row_of_lane=row_of_lane,
         lane_centre_m=centre_m,
         lane_width_m=width_m,
-        projection=net.getGeoProj(),
+        projection=_projection(net),
         net_offset_m=tuple(net.getLocationOffset()),
     )
+
+
+def _projection(net: Any) -> Any:
+    """The network's projection; None where it has none: SUMO writes "!" or "-" then."""
+    if net._location["projParameter"].strip() in NO_PROJECTION:
+        return None
+    return net.getGeoProj()
 
 
 def _lane_pieces(row_map: RowMap, number: int, index: int) -> list[tuple[np.ndarray, float, float]]:

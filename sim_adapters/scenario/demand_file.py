@@ -1,4 +1,4 @@
-"""Everything that drives in a scenario: vTypes, routes, flows and single vehicles, from SUMO's route and additional files.
+"""Everything that drives in a scenario: flows and single vehicles, from SUMO's route and additional files.
 
 A flow of several vTypes or routes (distributions) is read as one part for each, with its share of the rate. Single
 vehicles and trips are kept one by one; for the surrogate, and for inputs, those that enter at one edge are a flow whose
@@ -35,8 +35,9 @@ from sim_adapters.scenario.sumo_files import read_xml
 BESIDE = (
     "inductionLoop", "e1Detector", "instantInductionLoop", "laneAreaDetector", "e2Detector", "entryExitDetector",
     "e3Detector", "edgeData", "laneData", "timedEvent", "poly", "polygon", "poi", "routeProbe", "vTypeProbe",
-    "busStop", "trainStop", "containerStop", "chargingStation", "parkingArea", "overheadWireSegment", "tractionSubstation",
-    "taz", "tazs", "interval", "param", "location", "e3", "viewsettings", "tlLogic", "WAUT", "wautJunction", "edgeRelation",
+    "busStop", "trainStop", "containerStop", "chargingStation", "parkingArea", "overheadWireSegment",
+    "tractionSubstation", "taz", "tazs", "interval", "param", "location", "e3", "viewsettings", "tlLogic", "WAUT",
+    "wautJunction", "edgeRelation",
 )  # fmt: skip
 ACTING = ("rerouter", "calibrator", "variableSpeedSign", "closingReroute")
 OTHER_TRAFFIC = ("person", "personFlow", "container", "containerFlow", "personTrip", "walk", "ride")

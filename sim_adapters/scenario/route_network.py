@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -107,14 +108,12 @@ def read_route_network(
     findings: list[Finding] = []
     place = _main_axis(net, main_edges)
     place |= _ramp_axis(net, file, main_edges, routes, place, findings)
-    used = {pair for route in [main_edges, *routes] for pair in zip(route, route[1:], strict=False)}
+    used = {pair for route in [main_edges, *routes] for pair in pairwise(route)}
     lanes, lane_count = {}, {}
     for edge, (start_m, end_m) in place.items():
         lane_count[edge] = len(net.getEdge(edge).getLanes())
         for lane in net.getEdge(edge).getLanes():
-            lanes[(edge, lane.getIndex())] = _route_lane(
-                net, file, lane, (start_m, end_m), place, vclasses, used, findings
-            )
+            lanes[(edge, lane.getIndex())] = _route_lane(file, lane, (start_m, end_m), place, vclasses, used, findings)
     ramps = tuple(edge for edge in place if edge not in main_edges)
     return RouteNetwork(
         file=file,
@@ -132,12 +131,12 @@ def _check_route(net: Any, file: Path, route: Sequence[str]) -> None:
     for edge in route:
         if not net.hasEdge(edge):
             raise ScenarioError(file, f"expected edge '{edge}', which a route uses; the network has no such edge.")
-    for edge, following in zip(route, route[1:], strict=False):
+    for edge, following in pairwise(route):
         if net.getEdge(following) not in net.getEdge(edge).getOutgoing():
             raise ScenarioError(
                 file,
-                f"route '{_ends(route)}': expected a connection from edge '{edge}' to '{following}'; there is none, and "
-                "SUMO would stop when such a vehicle departs. Mend the route, or leave it out.",
+                f"route '{_ends(route)}': expected a connection from edge '{edge}' to '{following}'; there is none, "
+                "and SUMO would stop when such a vehicle departs. Mend the route, or leave it out.",
             )
 
 
@@ -210,7 +209,6 @@ def _ramp_axis(
 
 
 def _route_lane(
-    net: Any,
     file: Path,
     lane: Any,
     extent_m: tuple[float, float],

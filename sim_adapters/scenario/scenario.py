@@ -6,10 +6,11 @@ from pathlib import Path
 
 from sim_adapters.errors import ScenarioError
 from sim_adapters.scenario.configuration import SumoConfiguration, read_configuration
-from sim_adapters.scenario.demand_definitions import FindRoute, Route
+from sim_adapters.scenario.demand_definitions import Route
 from sim_adapters.scenario.demand_file import Demand, Flow, read_demand
 from sim_adapters.scenario.finding import Finding, Level
 from sim_adapters.scenario.followed_options import option_findings, vtype_findings
+from sim_adapters.scenario.loaded_scenario import LoadedScenario
 from sim_adapters.scenario.road_builder import RowMap, lay_rows
 from sim_adapters.scenario.route_network import RouteNetwork, read_route_network
 from sim_adapters.scenario.sumo_files import read_xml
@@ -18,7 +19,6 @@ from sim_adapters.scenario.vehicle_flows import flows_of_vehicles
 
 DEFAULT_MODEL = "Krauss"
 Vtypes = Mapping[str, Mapping[str, float]]
-Load = Callable[[SumoConfiguration], tuple[Vtypes, FindRoute]]
 
 
 @dataclass(frozen=True)
@@ -63,6 +63,8 @@ class Scenario:
     def mean_rate_vehps(self, flow: str) -> float:
         """Vehicles of a flow per second, over the time in which it comes at all."""
         parts = self.parts_of(flow)
+        if len({(part.begin_s, part.end_s) for part in parts}) == 1:
+            return sum(part.rate_vehps for part in parts)
         vehicles = sum(part.rate_vehps * (part.end_s - part.begin_s) for part in parts)
         return vehicles / max(max(part.end_s for part in parts) - min(part.begin_s for part in parts), 1e-9)
 
@@ -88,7 +90,11 @@ class Scenario:
 
 
 def read_scenario(
-    config: Path, folder: Path, subject_vehicle: str, duration_s: float, load: Load | None = None
+    config: Path,
+    folder: Path,
+    subject_vehicle: str,
+    duration_s: float,
+    load: Callable[[SumoConfiguration], LoadedScenario] | None = None,
 ) -> Scenario:
     """Read a scenario.
 
@@ -105,7 +111,7 @@ def read_scenario(
     """
     configuration = read_configuration(config, folder)
     read_xml(configuration.net_file)  # refuses what sumolib would read without a word
-    vtype_numbers, find_route = load(configuration) if load else ({}, lambda *trip: None)
+    loaded = load(configuration) if load else LoadedScenario()
     end_s = duration_s if configuration.end_s is None else min(configuration.end_s, duration_s)
     demand = read_demand(
         [*configuration.additional_files, *configuration.route_files],
@@ -114,7 +120,7 @@ def read_scenario(
         end_s,
         configuration.processing,
         configuration.scale,
-        find_route,
+        loaded.find_route,
     )
     all_flows = (*demand.flows, *flows_of_vehicles(demand.vehicles, configuration.begin_s, end_s, configuration.scale))
     main_edges = demand.subject_route
@@ -123,7 +129,7 @@ def read_scenario(
         configuration.net_file, main_edges, [flow.route for flow in all_flows], sorted(vclasses)
     )
     flows = tuple(flow for flow in all_flows if any(edge in main_edges for edge in flow.route))
-    warnings = list(configuration.ignored)
+    warnings = [*configuration.ignored, *loaded.warnings]
     if len(flows) < len(all_flows):
         warnings.append(f"{demand.file.name}: {len(all_flows) - len(flows)} flows never meet the route; left out.")
     if not flows:
@@ -139,7 +145,7 @@ def read_scenario(
         destinations=destinations,
         destination_routes=tuple(_whole_route(network, destination, flows) for destination in destinations),
         flows=flows,
-        vtype_numbers=vtype_numbers,
+        vtype_numbers=loaded.vtypes,
         warnings=tuple(warnings),
     )
     vtypes = _unique([*(flow.vtype for flow in flows), demand.subject_vtype])

@@ -9,38 +9,17 @@ import os
 import subprocess
 import sys
 import tempfile
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
 from pathlib import Path
 
 from sim_adapters.errors import ScenarioError
 from sim_adapters.scenario.configuration import SumoConfiguration
-from sim_adapters.scenario.demand_definitions import Route
 from sim_adapters.scenario.demand_file import trips_without_edges
+from sim_adapters.scenario.loaded_scenario import LoadedScenario
 from sim_adapters.scenario.scenario_files import copy_without_outputs
 
 LONGEST_LOADING_S = 300.0
 MOST_LINES = 20
-Trip = tuple[str, str, Route, str]
-
-
-@dataclass(frozen=True)
-class LoadedScenario:
-    """What SUMO says of a scenario.
-
-    Attributes:
-        vtypes: numeric attributes of each vType by SUMO's attribute names, defaults of its class included.
-        ways: edges of each trip whose edges only SUMO's router knows; absent where there is no way.
-        warnings: SUMO's own, one line each.
-    """
-
-    vtypes: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
-    ways: Mapping[Trip, Route] = field(default_factory=dict)
-    warnings: tuple[str, ...] = ()
-
-    def find_route(self, origin: str, destination: str, via: Route, vtype: str) -> Route | None:
-        """Edges of a trip; None where there is no way."""
-        return self.ways.get((origin, destination, via, vtype))
 
 
 def load_in_sumo(configuration: SumoConfiguration) -> LoadedScenario:
