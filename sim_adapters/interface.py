@@ -85,7 +85,7 @@ class RunOutcome:
         num_inserted: vehicles that entered, per entrance.
         num_collisions: vehicle steps with overlap.
         num_teleports: vehicles that the simulator removed.
-        num_subject_overlaps: steps in which a replayed subject vehicle overlaps another vehicle.
+        num_subject_overlaps: steps in which a subject vehicle that repeats its log overlaps another vehicle.
         num_vehicle_steps: vehicles on the road, summed over steps; 0 where it is not counted.
         subject_left: whether the subject vehicle reached its destination before the run ended.
         wall_s: computing time of this run alone, where it is known; its share where one run answered several requests.

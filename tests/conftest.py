@@ -1,21 +1,45 @@
-"""What all tests share: programs that were compiled once, and the cores, of which each worker has its own."""
+"""What all tests share: programs compiled once, cores of one's own, a small case, and the corridor in several forms.
+
+Fixtures import what they need when they are asked for it: JAX reads its environment when it is imported first.
+"""
 
 import contextlib
 import os
+import re
 import shutil
+import subprocess
+import sys
 import tempfile
 from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
+from filelock import FileLock
+
+from jaxcalib.cli.compilation_cache import keep_compiled_programs
+from tests.places import CORRIDOR, ROOT
+
+if TYPE_CHECKING:
+    from jaxcalib.problem.problem import CalibrationProblem
+    from sim_adapters.interface import ParameterLayout
+    from sim_adapters.scenario.scenario import Scenario
+    from sim_adapters.world.world_builder import WorldTemplate
+    from surrogate.effects.settings import Effects
+    from surrogate.loop.world import World
+    from surrogate.road.traffic_state import TrafficState
 
 WORKER, NUM_WORKERS = "PYTEST_XDIST_WORKER", "PYTEST_XDIST_WORKER_COUNT"
-FOLDER = "JAX_COMPILATION_CACHE_DIR"
+PROGRAMS = "JAXCALIB_CACHE"
+FOLDER = "JAXCALIB_TESTS_FOLDER"
 IS_OURS = FOLDER not in os.environ  # workers inherit the folder of the process that started them
 
-if IS_OURS:  # before JAX is imported, by another conftest perhaps
+# Programs are kept from one call of the tests to the next, too, as the command line keeps them: found by what they are
+# made from, so that what has changed is traced and compiled anew.
+os.environ.setdefault(PROGRAMS, str(ROOT / ".pytest_cache" / "programs"))
+keep_compiled_programs()
+if IS_OURS:
     os.environ[FOLDER] = tempfile.mkdtemp(prefix="jaxcalib-tests-")
-    os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0.2"
-    os.environ["JAX_COMPILATION_CACHE_MAX_SIZE"] = str(1 << 30)  # with a limit JAX locks the folder
 
 # Two workers whose surrogates each take all cores wait for one another: a whole diagnosis took 251 s alone and 605 s
 # beside another worker. On cores of their own they do not. Processes that a test starts inherit them.
@@ -45,3 +69,144 @@ def pytest_unconfigure(config: pytest.Config) -> None:
     """Remove the folder."""
     if IS_OURS:
         shutil.rmtree(os.environ.pop(FOLDER), ignore_errors=True)
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Begin with the checks of the house; then files that run simulators, so that short ones fill the end.
+
+    What a commit can do without is long as well.
+    """
+    for item in items:
+        if item.get_closest_marker("nightly"):
+            item.add_marker(pytest.mark.long)
+    house = {item.path for item in items if item.path.name == "test_house.py"}
+    long = {item.path for item in items if item.get_closest_marker("long") and not item.get_closest_marker("nightly")}
+    items.sort(key=lambda item: (item.path not in house, item.path not in long))
+
+
+def pytest_report_collectionfinish(items: list[pytest.Item]) -> list[str]:
+    """List the tests that only a nightly run makes, with the reasons, where they were asked for."""
+    marks = ((item.nodeid, item.get_closest_marker("nightly")) for item in items)
+    return [f"nightly: {name}: {mark.args[0]}" for name, mark in marks if mark is not None]
+
+
+@pytest.fixture(scope="session")
+def small_case() -> Path:
+    """A case of one kilometre, see `tests.small_case`; the workers share it, so whoever alters it copies it first."""
+    folder = Path(os.environ[FOLDER])
+    with FileLock(folder / "small.lock"):
+        if not (folder / "small").is_dir():
+            command = [sys.executable, "-m", "tests.small_case", str(folder / "being made" / "small")]
+            subprocess.run(command, cwd=ROOT, env=os.environ | {"PYTHONPATH": str(ROOT)}, check=True)
+            (folder / "being made" / "small").rename(folder / "small")
+    return folder / "small"
+
+
+@pytest.fixture(scope="session")
+def small_problem(small_case: Path) -> "CalibrationProblem":
+    from jaxcalib.problem.problem import read_problem
+
+    return read_problem(small_case)
+
+
+@pytest.fixture(scope="session")
+def corridor_folder() -> Path:
+    return CORRIDOR
+
+
+@pytest.fixture(scope="session")
+def corridor() -> "Scenario":
+    from sim_adapters.scenario.scenario import read_scenario
+
+    return read_scenario(CORRIDOR / "scenario/scenario.sumocfg", CORRIDOR, "ego", 720.0)
+
+
+@pytest.fixture
+def own_corridor(tmp_path: Path) -> Path:
+    """A copy of the corridor's scenario to be spoilt."""
+    return Path(shutil.copytree(CORRIDOR / "scenario", tmp_path / "case/scenario")).parent
+
+
+@pytest.fixture(scope="session")
+def layout() -> "ParameterLayout":
+    from sim_adapters.interface import ParameterLayout
+
+    return ParameterLayout(
+        input_ids=("main", "on1"),
+        input_flows=(("f_main_o1", "f_main_e"), ("f_on1_o1", "f_on1_e")),
+        vtypes=("car",),
+        attributes=("tau", "minGap", "accel", "speedFactor", "speedDev", "lcStrategic", "lcSpeedGain"),
+    )
+
+
+@pytest.fixture(scope="session")
+def template(corridor: "Scenario", layout: "ParameterLayout") -> "WorldTemplate":
+    from sim_adapters.world.world_builder import build_template
+
+    return build_template(corridor, layout)
+
+
+@pytest.fixture(scope="session")
+def problem(tmp_path_factory: pytest.TempPathFactory) -> "CalibrationProblem":
+    """The corridor with two of its drives."""
+    from jaxcalib.problem.problem import read_problem
+
+    folder = Path(shutil.copytree(CORRIDOR, tmp_path_factory.mktemp("case") / "corridor"))
+    head, *drives = re.split(r"(?=\[\[drive\]\])", (folder / "case.toml").read_text())
+    chosen = [drive for drive in drives if '"d01"' in drive or '"d03"' in drive]
+    (folder / "case.toml").write_text(head + "".join(chosen))
+    return read_problem(folder)
+
+
+@pytest.fixture(scope="session")
+def corridor_world(template: "WorldTemplate") -> Callable[..., "World"]:
+    """Return a function that makes a world of the corridor from named parameters; the others are the scenario's."""
+    import jax.numpy as jnp
+
+    def make(seed: int, depart_s: float, effects: "Effects | None" = None, **changes: float) -> "World":
+        values = dict(zip(template.layout.names, template.base_values(), strict=True))
+        assert not set(changes) - set(values)
+        vector = jnp.asarray(list((values | changes).values()), jnp.float32)
+        return template.world(vector, jnp.asarray(seed, jnp.int32), jnp.asarray(depart_s, jnp.float32), effects)
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def drive_on() -> Callable[["World", int], list["TrafficState"]]:
+    """Return a function that runs a world from the empty road and keeps the state after every decision interval."""
+    import jax
+
+    from surrogate.loop.moving import move_on
+    from surrogate.loop.step import initial_state, settle_lanes
+    from surrogate.loop.world import Clock
+
+    clock, capacity = Clock(step_s=0.1, steps_per_decision=10), 288
+
+    def advance(state: "TrafficState", world: "World") -> "TrafficState":
+        return move_on(settle_lanes(state, world, clock), world, clock.step_s, clock.steps_per_decision)
+
+    decide = jax.jit(advance)
+    begin = jax.jit(lambda world: initial_state(world, capacity))
+
+    def run(world: "World", num_decisions: int) -> list["TrafficState"]:
+        states = [begin(world)]
+        for _ in range(num_decisions):
+            states.append(decide(states[-1], world))
+        return [jax.device_get(state) for state in states]
+
+    return run
+
+
+@pytest.fixture(scope="session")
+def start_sumo() -> Callable[..., subprocess.Popen]:
+    """Return a function that starts SUMO beside the tests: until when, whose leaders go into which file, options."""
+    script = ROOT / "tests/sim_adapters/sumo/plain_sumo.py"
+
+    def start(end_s: float, subject_vehicle: str, leaders: Path | None, *options: str | Path) -> subprocess.Popen:
+        command = [sys.executable, script, str(end_s), subject_vehicle, str(leaders or os.devnull)]
+        environment = os.environ | {"LIBSUMO_AS_TRACI": "quiet"}
+        return subprocess.Popen([str(part) for part in (*command, *options)], env=environment)
+
+    return start

@@ -18,6 +18,7 @@ from cyclopts import App, Parameter
 from cyclopts.validators import Number
 
 from experiments.benchmarks.throughput import CASE, SPARE_CAPACITY, bytes_per_vehicle, parameter_sets
+from experiments.results.record import record as keep
 from jaxcalib.problem.problem import read_problem
 from jaxcalib.sweeps.local_engines import RoomySurrogate
 from sim_adapters.interface import RunRequest
@@ -42,6 +43,7 @@ def accelerator(
     sets: Annotated[list[int] | None, Parameter(validator=Number(gte=1, lte=1_000_000))] = None,
     batch: Annotated[int | None, Parameter(validator=Number(gte=1, lte=1_000_000))] = None,
     rounds: Annotated[int, Parameter(validator=Number(gte=1, lte=100))] = 3,
+    record: Annotated[bool, Parameter(negative="")] = False,
 ) -> int:
     """Print one line of JSON for each number of sets.
 
@@ -55,18 +57,21 @@ def accelerator(
         Runs that a device makes together; from the room that they need unless given.
     rounds
         Rounds of each.
+    record
+        Also write the table to experiments/results.
     """
     problem = read_problem(case)
     depart_s = problem.departs_s("fit")[0]
     engine = RoomySurrogate(problem, SPARE_CAPACITY, batch)
     engine.engine(0).prepare()
     first_compile_s = engine.compile_s
+    rows = []
     for number in sets or [8192]:
         requests = [RunRequest(values, seed, depart_s) for seed, values in enumerate(parameter_sets(problem, number))]
         measured(engine, requests)  # compiles what dense runs need
         made = [measured(engine, requests) for _ in range(rounds)]
         rates = [rate for rate, _ in made]
-        record = {
+        row = {
             "case": problem.case.name,
             "sets": number,
             "vehicle_steps_per_s": {"median": statistics.median(rates), "min": min(rates), "max": max(rates)},
@@ -76,7 +81,11 @@ def accelerator(
             "bytes_per_vehicle_and_set": bytes_per_vehicle(engine.engine(0)),
             "devices": [f"{device.device_kind} {device.id}" for device in jax.devices()],
         }
-        print(json.dumps(record), flush=True)
+        print(json.dumps(row), flush=True)
+        rows.append(row)
+    if record:
+        title = f"Parameter sets on an accelerator: {problem.case.name}"
+        keep("performance", f"accelerator-{problem.case.name}", rows, title)
     return 0
 
 

@@ -14,7 +14,7 @@ from jaxcalib.problem.engines import DECISION_INTERVAL_S, OBJECTS_PER_ROW
 from jaxcalib.problem.problem import CalibrationProblem
 from sim_adapters.jax.simulator import usual_runs_per_device
 from sim_adapters.world.world_builder import WorldTemplate
-from surrogate.loop.course import RunPlan, RunRecord
+from surrogate.loop.run_state import RunPlan, RunRecord
 from surrogate.loop.simulate import observe_batch
 from surrogate.loop.step import initial_state
 from surrogate.loop.world import Clock

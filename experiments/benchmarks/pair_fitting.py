@@ -15,6 +15,7 @@ from cyclopts import App, Parameter
 from cyclopts.validators import Number
 from scipy.optimize import differential_evolution
 
+from experiments.results.record import record as keep
 from jaxcalib.pair_fitting.batch import bounds_of, misfit, pair_batch
 from jaxcalib.pair_fitting.fit import fit_pairs, mixed_errors
 from jaxcalib.pair_fitting.recorded_pairs import RecordedPair, read_pairs
@@ -53,6 +54,7 @@ def compare(
     model: str = "idm",
     every: Annotated[int, Parameter(validator=Number(gte=1))] = 1,
     seed: int = 0,
+    record: Annotated[bool, Parameter(negative="")] = False,
 ) -> int:
     """Print one line of JSON for each data set.
 
@@ -66,8 +68,11 @@ def compare(
         Differential evolution takes every so many pairs, in the order of the file, and so does fit-following beside it.
     seed
         Of both.
+    record
+        Also write the table to experiments/results.
     """
     entry = car_following_model(model)
+    rows = []
     for name in DATA_SETS:
         everyone, dropped = read_pairs(data / "car_following" / f"{name}.csv.gz", drops_bad=True)
         pairs = everyone[::every]
@@ -99,6 +104,10 @@ def compare(
             "time_ratio": theirs_s / ours_s,
         }
         print(json.dumps(result), flush=True)
+        rows.append(result)
+    if record:
+        title = f"Fits of pairs against differential evolution: {entry.name}"
+        keep("performance", f"pair_fitting-{entry.name}", rows, title)
     return 0
 
 

@@ -18,6 +18,7 @@ from cyclopts.validators import Number
 
 from experiments.benchmarks.full_road import measure_road
 from experiments.benchmarks.throughput import CASE, SPARE_CAPACITY, parameter_sets
+from experiments.results.record import record as keep
 from jaxcalib.problem.engines import prepare_devices, surrogate_engine
 from jaxcalib.problem.problem import CalibrationProblem, read_problem
 from sim_adapters.interface import RunRequest
@@ -108,6 +109,7 @@ def scaling(
     roads: Annotated[int | None, Parameter(validator=Number(gte=1, lte=65_536))] = None,
     rounds: Annotated[int, Parameter(validator=Number(gte=1, lte=100))] = 3,
     figure: Path | None = None,
+    record: Annotated[bool, Parameter(negative="")] = False,
 ) -> int:
     """Print one line of JSON for each point.
 
@@ -125,6 +127,8 @@ def scaling(
         Rounds of each number of sets; the fastest counts.
     figure
         File to draw the costs to (.svg, .png or .pdf).
+    record
+        Also write the table to experiments/results.
     """
     prepare_devices(len(os.sched_getaffinity(0)))
     problem = read_problem(case)
@@ -133,6 +137,9 @@ def scaling(
     records = measure_vehicles(problem, vehicles, roads) + measure_sets(problem, sets, rounds)
     if figure is not None:
         draw(records, figure)
+    if record:
+        title = f"Cost of a vehicle-step by parameter sets and by vehicles: {problem.case.name}"
+        keep("performance", f"scaling-{problem.case.name}", records, title)
     return 0
 
 

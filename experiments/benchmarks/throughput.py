@@ -19,6 +19,7 @@ from cyclopts import App, Parameter
 from cyclopts.validators import Number
 from scipy.stats.qmc import Sobol
 
+from experiments.results.record import record as keep
 from jaxcalib.problem.engines import prepare_devices, sumo_engine, surrogate_engine
 from jaxcalib.problem.parameter_space import parameter_space, round_values
 from jaxcalib.problem.problem import CalibrationProblem, read_problem
@@ -93,6 +94,7 @@ def throughput(
     *,
     sets: Annotated[int, Parameter(validator=Number(gte=1, lte=100_000))] = 64,
     rounds: Annotated[int, Parameter(validator=Number(gte=1, lte=100))] = 5,
+    record: Annotated[bool, Parameter(negative="")] = False,
 ) -> int:
     """Print one line of JSON.
 
@@ -104,6 +106,8 @@ def throughput(
         Parameter sets in a round of the surrogate.
     rounds
         Rounds of each simulator, in turn.
+    record
+        Also write the table to experiments/results.
     """
     cores = len(os.sched_getaffinity(0))
     prepare_devices(cores)
@@ -134,6 +138,9 @@ def throughput(
         "cores": cores,
     }
     print(json.dumps(result))
+    if record:
+        title = f"Vehicle-steps per second of both simulators: {problem.case.name}"
+        keep("performance", f"throughput-{problem.case.name}", [result], title)
     return 0
 
 

@@ -15,6 +15,7 @@ from rich.progress import Progress
 from rich.table import Table
 
 from experiments.fidelity.equilibrium import MOST_DIFFERENCE, NO_EQUILIBRIUM, closed_form_table, sumo_table
+from experiments.fidelity.fidelity_record import record_tables
 from experiments.fidelity.insertion import insertion_table
 from experiments.fidelity.lane_changes import ALWAYS, lane_change_table
 from experiments.fidelity.parity import MOST_DIFFERENCE_M, SUMO_MODELS, parity_table
@@ -39,6 +40,7 @@ def fidelity(
     out: Path = Path("fidelity.json"),
     leaders: Annotated[int, Parameter(validator=Number(gte=1))] = 5,
     runs: Annotated[int, Parameter(validator=Number(gte=0))] = 10,
+    record: Annotated[bool, Parameter(negative="")] = False,
 ) -> int:
     """Compare the surrogate with SUMO.
 
@@ -55,6 +57,8 @@ def fidelity(
     runs
         Runs of each of the 64 parameter sets in SUMO, at least, each drive to fit equally often; the surrogate makes
         four times as many. 0 leaves transfer and insertion out.
+    record
+        Also write the tables to experiments/results.
     """
     console = Console()
     sumo = metadata.version("libsumo")
@@ -64,12 +68,12 @@ def fidelity(
     console.print(f"SUMO {sumo}")
     if (data / "car_following").is_dir():
         tables["parity"] = rows = parity_table(data, leaders)
-        _show_parity(console, rows)
+        show_parity(console, rows)
     else:
         console.print(f"Left out: car-following parity, for {data / 'car_following'} is not there.")
     if (data / "freeway").is_dir():
         tables["lane_changes"] = rows = lane_change_table(data)
-        _show_lane_changes(console, rows)
+        show_lane_changes(console, rows)
         figure = out.with_name(f"{out.stem}_lane_changes.svg")
         write_roc_figure(rows, figure)
         console.print(f"written: {figure}")
@@ -77,18 +81,21 @@ def fidelity(
         console.print(f"Left out: real lane changes, for {data / 'freeway'} is not there.")
     _equilibrium(console, tables)
     tables["timed_lane_changes"] = rows = timed_change_table()
-    _show_timed_changes(console, rows)
+    show_timed_changes(console, rows)
     if runs:
         problem = read_problem(case)
         _transfer(console, tables, problem, runs)
         tables["insertion"] = rows = insertion_table(problem)
-        _show_insertion(console, rows)
+        show_insertion(console, rows)
     out.write_text(json.dumps(tables, indent=1) + "\n", encoding="utf-8")
     console.print(f"written: {out}")
+    if record:
+        record_tables(tables)
     return 0
 
 
-def _show_parity(console: Console, rows: list[dict]) -> None:
+def show_parity(console: Console, rows: list[dict]) -> None:
+    """Print how far followers are from SUMO's."""
     headings = ("model", "leaders", "precision", "median", "largest", f"at most {MOST_DIFFERENCE_M:g}")
     shown = _table("car-following parity: largest difference in position, m", headings)
     for model in dict.fromkeys(row["model"] for row in rows):
@@ -100,7 +107,8 @@ def _show_parity(console: Console, rows: list[dict]) -> None:
     console.print(shown)
 
 
-def _show_lane_changes(console: Console, rows: list[dict]) -> None:
+def show_lane_changes(console: Console, rows: list[dict]) -> None:
+    """Print how well rules tell recorded decisions."""
     headings = (
         "rule", "accuracy", "balanced accuracy", "area under ROC", "log loss", "fitted on the other site",
         "better than always",
@@ -117,7 +125,8 @@ def _show_lane_changes(console: Console, rows: list[dict]) -> None:
     console.print(shown)
 
 
-def _show_timed_changes(console: Console, rows: list[dict]) -> None:
+def show_timed_changes(console: Console, rows: list[dict]) -> None:
+    """Print how far a lane change that takes time is from SUMO's."""
     headings = ("duration", "largest difference in position", f"at most {MOST_DIFFERENCE_M:g} m", "lane differs")
     shown = _table("one lane change among four neighbours, step by step against SUMO", headings)
     for row in rows:
@@ -162,10 +171,11 @@ def _transfer(console: Console, tables: Tables, problem: CalibrationProblem, run
         "measures": [vars(one) for one in found.measures],
         "effects": [vars(one) | {"counts": one.counts} for one in found.effects],
     }
-    _show_transfer(console, found)
+    show_transfer(console, found)
 
 
-def _show_transfer(console: Console, found: Transfer) -> None:
+def show_transfer(console: Console, found: Transfer) -> None:
+    """Print how measures and main effects agree."""
     headings = ("measure", "spread in noise", f"rank correlation >= {LEAST_RANK:g}", f"bias <= {MOST_BIAS:.0%}")
     shown = _table("measures over the array's cases, surrogate against SUMO", headings)
     for one in sorted(found.measures, key=lambda one: one.rank_correlation):
@@ -184,7 +194,8 @@ def _show_transfer(console: Console, found: Transfer) -> None:
     )
 
 
-def _show_insertion(console: Console, rows: list[dict]) -> None:
+def show_insertion(console: Console, rows: list[dict]) -> None:
+    """Print shares of the vehicles that got in."""
     headings = ("input", "demand", "SUMO", "surrogate", f"difference <= {MOST_INSERTION_DIFFERENCE:.0%}")
     shown = _table("inserted / scheduled", headings)
     for row in rows:

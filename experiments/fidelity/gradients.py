@@ -21,7 +21,7 @@ from experiments.benchmarks.throughput import CASE
 from jaxcalib.calibration.objective.moments import Moments, all_moments
 from jaxcalib.problem.engines import DECISION_INTERVAL_S, OBJECTS_PER_ROW, expected_vehicles
 from jaxcalib.problem.problem import CalibrationProblem, read_problem
-from surrogate.loop.course import RunPlan
+from surrogate.loop.run_state import RunPlan
 from surrogate.loop.simulate import observe_batch
 from surrogate.loop.world import Clock
 from surrogate.road.perception import Sensor
@@ -133,13 +133,13 @@ def agreements(problem: CalibrationProblem, num_batches: int, difference: float)
             path.append(slope)
             ahead.append(drives(base + difference * direction, direction, batch)[0])
             behind.append(drives(base - difference * direction, direction, batch)[0])
-        found += _compare(
+        found += compare_slopes(
             moments, parameter, difference, *(np.concatenate(each) for each in (middle, path, ahead, behind))
         )
     return found
 
 
-def _compare(
+def compare_slopes(
     moments: Moments,
     parameter: str,
     difference: float,

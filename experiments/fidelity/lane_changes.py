@@ -20,6 +20,7 @@ from sklearn.preprocessing import StandardScaler
 
 from experiments.fidelity.gap_rules import GapRule, gap_rules
 from experiments.fidelity.recorded_decisions import RecordedDecisions, read_decisions
+from jaxcalib.statistics.bootstrap import percentile_interval
 
 NUM_RESAMPLES = 1000
 ALWAYS = "always accept"
@@ -146,7 +147,8 @@ def _features(decisions: RecordedDecisions) -> Features:
 
 def _interval(score: Callable[[Flags, Any], float], taken: Flags, answer: np.ndarray) -> tuple[float, float]:
     """Return the bootstrap interval over decisions."""
-    random = np.random.default_rng(1)
-    drawn = random.integers(len(taken), size=(NUM_RESAMPLES, len(taken)))
-    low, high = np.quantile([score(taken[one], answer[one]) for one in drawn], (0.025, 0.975))
-    return float(low), float(high)
+    interval = percentile_interval(
+        lambda drawn: score(taken[drawn], answer[drawn]), len(taken), np.random.default_rng(1), NUM_RESAMPLES
+    )
+    assert interval is not None
+    return interval

@@ -18,7 +18,7 @@ from jaxcalib.calibration.stages.evaluator import Evaluations, Evaluator
 from jaxcalib.problem.engines import sumo_engine, surrogate_engine
 from jaxcalib.problem.parameter_space import round_values
 from jaxcalib.problem.problem import CalibrationProblem
-from jaxcalib.search.orthogonal_array import OrthogonalArray, orthogonal_array
+from jaxcalib.search.orthogonal_arrays.orthogonal_array import OrthogonalArray, orthogonal_array
 
 INPUT_SPREAD = 0.2
 SPARE_CAPACITY = 3.0  # some cases are jammed

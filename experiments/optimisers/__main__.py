@@ -21,6 +21,7 @@ from experiments.optimisers.known_functions import FUNCTIONS, NOISE, FunctionPro
 from experiments.optimisers.ranking import all_rank_tables, summary_table
 from experiments.optimisers.registry import OPTIMISERS, chosen_optimisers
 from experiments.optimisers.study_folder import open_study, write_table
+from experiments.results.record import record as keep
 from jaxcalib.cli.guarded import guarded
 from jaxcalib.errors import CaseError
 from jaxcalib.problem.engines import prepare_devices
@@ -57,6 +58,7 @@ def optimisers(
     functions: bool = True,
     dimensions: Annotated[int, Parameter(validator=Number(gte=2))] = 5,
     resume: bool = False,
+    record: Annotated[bool, Parameter(negative="")] = False,
 ) -> int:
     """Compare optimisers on a case and on functions whose optimum is known.
 
@@ -82,11 +84,16 @@ def optimisers(
         Parameters of the functions.
     resume
         Go on with what the folder holds; more seeds, optimisers or functions may be added.
+    record
+        Also write the table to experiments/results.
     """
     console = Console(stderr=True)
 
     def work() -> str:
-        _study(console, case, out, optimiser, seeds, evaluations, batch, wall_s, functions, dimensions, resume)
+        rows = _study(console, case, out, optimiser, seeds, evaluations, batch, wall_s, functions, dimensions, resume)
+        if record:
+            name = "functions" if case is None else case.resolve().name
+            keep("optimisers", name, rows.to_dict("records"), f"{evaluations} candidates, {seeds} seeds: {name}")
         return ""
 
     return guarded(work, "go on with the same command and --resume", program="experiments.optimisers")
@@ -104,7 +111,7 @@ def _study(
     functions: bool,
     dimensions: int,
     resume: bool,
-) -> None:
+) -> Frame:
     chosen = chosen_optimisers(names)
     if case is None and not functions:
         raise CaseError("--no-functions", "", "expected a case; without functions there is nothing to search.")
@@ -137,7 +144,7 @@ def _study(
                 bar.update(task, description=f"{one.problem.name} {one.optimiser}")
                 rows += run_course(one.optimiser, OPTIMISERS[one.optimiser], one.problem, one.budget, one.journal)
                 bar.advance(task)
-        _write_results(pd.DataFrame(rows), out)
+        return _write_results(pd.DataFrame(rows), out)
 
 
 def _courses(
@@ -168,10 +175,11 @@ def _courses(
 
 def _of_problem(chosen: tuple[str, ...], problem: Problem, budget: Budget, journal: Path) -> Iterator[Course]:
     for name in chosen:
-        yield Course(name, problem, budget, journal / problem.name / f"{name}-{problem.seed}.jsonl")
+        yield Course(name, problem, budget, journal / problem.name / f"{name}-{problem.seed}")
 
 
-def _write_results(rows: Frame, out: Path) -> None:
+def _write_results(rows: Frame, out: Path) -> Frame:
+    """Write tables and figures; return ranks with the errors at the end of the searches."""
     summary: Frame = summary_table(rows)
     ranks: Frame = all_rank_tables(rows)
     for name, table in (("rows", rows), ("summary", summary), ("ranks", ranks)):
@@ -179,25 +187,25 @@ def _write_results(rows: Frame, out: Path) -> None:
     for budget in dict.fromkeys(rows["budget"]):
         draw_courses(summary, budget, out / f"error_against_{budget}.svg")
         draw_ranks(ranks[ranks["budget"] == budget], out / f"ranks_{budget}.svg")
-    _show(Console(), summary[summary["share"] == summary["share"].max()], ranks)
+    last = summary[summary["share"] == summary["share"].max()]
+    keys = ["budget", "problem", "optimiser"]
+    ranked = ranks.merge(last[[*keys, "median", "low", "high"]], on=keys, how="left")
+    _show(Console(), ranked)
     print(f"written: {out}", file=sys.stderr)
+    return ranked
 
 
-def _show(console: Console, last: Frame, ranks: Frame) -> None:
-    for (budget, problem), group in ranks.groupby(["budget", "problem"], sort=False):
+def _show(console: Console, ranked: Frame) -> None:
+    for (budget, problem), group in ranked.groupby(["budget", "problem"], sort=False):
         friedman = group["friedman_p"].iloc[0]
         shown = Table(title=f"{problem}, equal {str(budget).replace('_', ' ')} (Friedman p = {friedman:.2g})")
         for heading in ("optimiser", "mean rank", "p against the first", "median error", "95 % interval"):
             shown.add_column(heading)
         for row in group.itertuples():
-            is_same = (last["budget"] == budget) & (last["problem"] == problem) & (last["optimiser"] == row.optimiser)
-            errors = last[is_same]
-            of_errors = ("", "")
-            if len(errors):
-                one = errors.iloc[0]
-                of_errors = (f"{one['median']:.3g}", f"{one['low']:.3g} to {one['high']:.3g}")
             p_value = "" if pd.isna(row.p_value) else f"{row.p_value:.2g}"
-            shown.add_row(str(row.optimiser), f"{row.mean_rank:.1f}", p_value, *of_errors)
+            is_known = not pd.isna(row.median)
+            errors = (f"{row.median:.3g}", f"{row.low:.3g} to {row.high:.3g}") if is_known else ("", "")
+            shown.add_row(str(row.optimiser), f"{row.mean_rank:.1f}", p_value, *errors)
         console.print(shown)
 
 

@@ -16,7 +16,7 @@ from sklearn.exceptions import ConvergenceWarning
 from sklearn.gaussian_process.kernels import Matern, WhiteKernel
 from threadpoolctl import threadpool_limits
 
-from experiments.optimisers.interface import Optimiser, Setting, Told, generator
+from jaxcalib.search.optimiser import Optimiser, RoundInfo, Setting, Told, generator, info_of
 
 INITIAL_PER_PARAMETER = 2  # candidates of the first design
 NUM_RANDOM, NUM_DESCENTS = 1_000, 1  # of the search for the greatest expected improvement
@@ -46,7 +46,7 @@ class Bayesian(Optimiser):
         """Return the batch."""
         return state.candidates.copy()
 
-    def tell(self, state: BayesianState, told: Told) -> BayesianState:
+    def tell(self, state: BayesianState, told: Told) -> tuple[BayesianState, RoundInfo]:
         """Return the state with the next batch."""
         together = told.joined(state.told)
         setting = state.setting
@@ -58,7 +58,8 @@ class Bayesian(Optimiser):
         else:
             shape = (setting.batch_size, setting.num_parameters)
             candidates = generator(setting.seed, state.num_batches).random(shape)
-        return replace(state, candidates=candidates, told=together, num_batches=state.num_batches + 1)
+        state = replace(state, candidates=candidates, told=together, num_batches=state.num_batches + 1)
+        return state, info_of(told)
 
 
 def _suggest(setting: Setting, told: Told, batch: int) -> Float[np.ndarray, "candidate parameter"]:

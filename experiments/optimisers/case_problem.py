@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from experiments.optimisers.interface import Told
 from jaxcalib.calibration.objective.evidence import evidence_of
 from jaxcalib.calibration.objective.objective import Objective
 from jaxcalib.calibration.objective.objective_choice import choose_objective
@@ -13,13 +12,13 @@ from jaxcalib.calibration.stages.budget import plan_budget
 from jaxcalib.calibration.stages.evaluator import Evaluator
 from jaxcalib.calibration.stages.search_box import SearchBox, half_width_of, search_box
 from jaxcalib.calibration.stages.search_run import SearchRun
-from jaxcalib.calibration.stages.two_stage import NOISE_OFFSET
 from jaxcalib.case.case import Role
 from jaxcalib.initial_values.initial_point import InitialPoint, find_initial_point
 from jaxcalib.problem.engines import surrogate_engine
 from jaxcalib.problem.problem import CalibrationProblem
 from jaxcalib.problem.settings import Settings
-from jaxcalib.runs.seeds import FINAL_SEEDS, SEEDS_PER_CALIBRATION
+from jaxcalib.runs.seeds import FINAL_SEEDS, NOISE_OFFSET, SEEDS_PER_CALIBRATION
+from jaxcalib.search.optimiser import Told
 from sim_adapters.jax.simulator import JaxSimulator
 
 Points = Float[np.ndarray, "candidate parameter"]

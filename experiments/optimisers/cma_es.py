@@ -7,7 +7,8 @@ import numpy as np
 from cmaes import CMA
 from jaxtyping import Float
 
-from experiments.optimisers.interface import Optimiser, Setting, Told, generator
+from jaxcalib.search.evaluation import SearchStatus
+from jaxcalib.search.optimiser import Optimiser, RoundInfo, Setting, Told, generator, info_of
 
 INITIAL_SIGMA = 0.25  # of the unit range
 
@@ -44,7 +45,7 @@ class CmaEs(Optimiser):
         """Return what the generation still needs."""
         return state.candidates.copy()
 
-    def tell(self, state: CmaState, told: Told) -> CmaState:
+    def tell(self, state: CmaState, told: Told) -> tuple[CmaState, RoundInfo]:
         """Return the state with the next generation, or with more candidates for this one."""
         successes = zip(told.points[told.is_ok], -told.accuracy[told.is_ok], strict=True)
         kept = (*state.kept, *((point, float(loss)) for point, loss in successes))
@@ -56,9 +57,11 @@ class CmaEs(Optimiser):
             kept = ()
             if strategy.should_stop():
                 mean = generator(state.setting.seed, number).random(state.setting.num_parameters)
-                return _begin(state.setting, mean, state.num_restarts + 1, number)
+                state = _begin(state.setting, mean, state.num_restarts + 1, number)
+                return state, info_of(told, SearchStatus.CONVERGED)
         candidates = _draw(strategy, size - len(kept))
-        return replace(state, strategy=strategy, candidates=candidates, kept=kept, num_tells=number)
+        state = replace(state, strategy=strategy, candidates=candidates, kept=kept, num_tells=number)
+        return state, info_of(told)
 
 
 def _begin(setting: Setting, mean: Float[np.ndarray, " parameter"], num_restarts: int, num_tells: int) -> CmaState:

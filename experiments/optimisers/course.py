@@ -10,10 +10,11 @@ from typing import Any, Protocol
 import numpy as np
 from jaxtyping import Float
 
-from experiments.optimisers.interface import Optimiser, Setting, Told
 from jaxcalib.errors import CaseError
-from jaxcalib.runs.journal import write_atomically
+from jaxcalib.runs.parts import Parts
+from jaxcalib.search.optimiser import Optimiser, Setting, Told
 
+ROWS = "rows.json"
 CHECKPOINT_SHARES = (0.125, 0.25, 0.5, 1.0)  # of the budget
 
 
@@ -89,16 +90,16 @@ def run_course(
         make: returns it.
         problem: what to optimise.
         budget: what it may use.
-        journal: file of the rounds made so far, one a line, and of the measured rows; written while it goes.
+        journal: folder of the rounds made so far and of the measured rows; written while it goes.
         clock: tells the time in seconds.
 
     Raises:
         CaseError: the journal belongs to another course.
     """
-    finished = journal.with_suffix(".rows.json")
-    if finished.is_file():
-        return json.loads(finished.read_text(encoding="utf-8"))
-    known = _read_rounds(journal)
+    parts = Parts.begin(journal)
+    finished = parts.read(ROWS, _load)
+    if finished is not None:
+        return finished
     setting = Setting(
         problem.num_parameters,
         budget.num_planned or budget.num_evaluations,
@@ -112,19 +113,22 @@ def run_course(
     state = optimiser.init(setting)
     optimiser_s, evaluation_s, num_evaluated = clock() - began, 0.0, 0
     best_point, best_accuracy = problem.start, -np.inf
-    num_failed = 0
+    num_failed = num_rounds = 0
     history: list[tuple[int, float, float, np.ndarray, float]] = []
     points = problem.start[None]
     while len(points) and num_evaluated < budget.num_evaluations and optimiser_s + evaluation_s < budget.wall_s:
         points = points[: budget.num_evaluations - num_evaluated]
-        if known:
-            told, times = _told_again(known.pop(0), points, journal)
+        name_of_round = f"round-{num_rounds:06d}.json"
+        known = parts.read(name_of_round, _load)
+        if known is not None:
+            told, times = _told_again(known, points, journal)
             optimiser_s, round_s = times
         else:
             began = clock()
             told = problem.evaluate(points, num_evaluated)
             round_s = clock() - began
-            _append_round(journal, told, (optimiser_s, round_s))
+            _keep_round(parts, name_of_round, told, (optimiser_s, round_s))
+        num_rounds += 1
         evaluation_s += round_s
         for point, accuracy in zip(told.points, told.accuracy, strict=True):
             num_evaluated += 1
@@ -134,12 +138,12 @@ def run_course(
             history.append((num_evaluated, optimiser_s, evaluation_s, best_point, best_accuracy))
         began = clock()
         if len(history) > 1 and num_evaluated < budget.num_evaluations:
-            state = optimiser.tell(state, told)  # a round that was cut short is not told: it is the last
+            state, _ = optimiser.tell(state, told)  # a round that was cut short is not told: it is the last
         points = optimiser.ask(state)
         optimiser_s += clock() - began
     rows = _measured_rows(name, problem, budget, history, num_failed)
     text = json.dumps(rows, indent=1)
-    write_atomically(finished, lambda stream: stream.write(text.encode()))
+    parts.write(ROWS, lambda stream: stream.write(text.encode()))
     return rows
 
 
@@ -183,24 +187,14 @@ def _number(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
 
 
-def _append_round(journal: Path, told: Told, times: tuple[float, float]) -> None:
-    """Add a line; a line that a kill cuts short has no end and is dropped by the next read."""
+def _keep_round(parts: Parts, name: str, told: Told, times: tuple[float, float]) -> None:
     arrays = {"points": told.points, "accuracy": told.accuracy, "residuals": told.residuals, "slopes": told.slopes}
-    line = json.dumps({key: None if one is None else one.tolist() for key, one in arrays.items()} | {"times": times})
-    journal.parent.mkdir(parents=True, exist_ok=True)
-    with journal.open("a", encoding="utf-8") as stream:
-        stream.write(line + "\n")
+    text = json.dumps({key: None if one is None else one.tolist() for key, one in arrays.items()} | {"times": times})
+    parts.write(name, lambda stream: stream.write(text.encode()))
 
 
-def _read_rounds(journal: Path) -> list[dict[str, Any]]:
-    """Return whole rounds; what follows the last whole line is cut off the file."""
-    if not journal.is_file():
-        return []
-    text = journal.read_text(encoding="utf-8")
-    whole = text[: text.rfind("\n") + 1]
-    if whole != text:
-        write_atomically(journal, lambda stream: stream.write(whole.encode()))
-    return [json.loads(line) for line in whole.splitlines()]
+def _load(file: Path) -> Any:
+    return json.loads(file.read_text(encoding="utf-8"))
 
 
 def _told_again(

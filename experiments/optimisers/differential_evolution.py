@@ -3,7 +3,7 @@
 from pymoo.algorithms.soo.nonconvex.de import DE
 
 from experiments.optimisers.pymoo_population import PymooSearch
-from experiments.optimisers.saga_search import POPULATION
+from jaxcalib.search.optimisers.saga import POPULATION
 
 VARIANT = "DE/best/1/bin"  # the others learn too slowly for hundreds of evaluations
 CROSSOVER_PROBABILITY = 0.7

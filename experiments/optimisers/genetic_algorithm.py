@@ -3,7 +3,7 @@
 from pymoo.algorithms.soo.nonconvex.ga import GA
 
 from experiments.optimisers.pymoo_population import PymooSearch
-from experiments.optimisers.saga_search import POPULATION
+from jaxcalib.search.optimisers.saga import POPULATION
 
 
 def genetic_algorithm() -> PymooSearch:

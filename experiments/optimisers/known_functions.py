@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.stats import qmc
 
-from experiments.optimisers.interface import Told, generator
+from jaxcalib.search.optimiser import Told, generator
 
 Points = Float[np.ndarray, "candidate parameter"]
 Residuals = Float[np.ndarray, "candidate residual"]

@@ -15,7 +15,7 @@ from pymoo.core.population import Population
 from pymoo.core.problem import Problem
 from pymoo.termination import get_termination
 
-from experiments.optimisers.interface import Optimiser, Setting, Told, generator
+from jaxcalib.search.optimiser import Optimiser, RoundInfo, Setting, Told, generator, info_of
 
 MANY = 10**9  # evaluations; the budget ends the search
 
@@ -64,21 +64,21 @@ class PymooSearch(Optimiser):
         """Return the generation."""
         return state.candidates.copy()
 
-    def tell(self, state: PymooState, told: Told) -> PymooState:
+    def tell(self, state: PymooState, told: Told) -> tuple[PymooState, RoundInfo]:
         """Return the state with the next generation."""
         state = replace(state, num_rounds=state.num_rounds + 1)
         if state.first is None:
             algorithm, infills = copy.deepcopy((state.algorithm, state.infills))
             infills.set("F", -told.accuracy[:, None])
             algorithm.tell(infills=infills[told.is_ok])
-            return _with_next(state, algorithm)
+            return _with_next(state, algorithm), info_of(told)
         points = np.vstack([state.first[0], told.points[told.is_ok]])
         accuracy = np.concatenate([state.first[1], told.accuracy[told.is_ok]])
         num_missing = self._size - len(points)
         if num_missing > 0:
             shape = (num_missing, state.setting.num_parameters)
             candidates = generator(state.setting.seed, state.num_rounds).random(shape)
-            return replace(state, candidates=candidates, first=(points, accuracy))
+            return replace(state, candidates=candidates, first=(points, accuracy)), info_of(told)
         algorithm = self._make(points)
         problem = Problem(n_var=state.setting.num_parameters, n_obj=1, xl=0.0, xu=1.0)
         algorithm.setup(problem, seed=state.setting.seed, termination=get_termination("n_eval", MANY))
@@ -86,7 +86,7 @@ class PymooSearch(Optimiser):
         assert infills is not None
         infills.set("F", -accuracy[:, None])
         algorithm.tell(infills=infills)
-        return _with_next(replace(state, first=None), algorithm)
+        return _with_next(replace(state, first=None), algorithm), info_of(told)
 
 
 def _with_next(state: PymooState, algorithm: Algorithm) -> PymooState:

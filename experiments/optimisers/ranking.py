@@ -6,6 +6,9 @@ import numpy as np
 import pandas as pd
 from scipy.stats import friedmanchisquare, rankdata, wilcoxon
 
+from jaxcalib.statistics.bootstrap import percentile_interval
+from jaxcalib.statistics.multiple_tests import holm
+
 NUM_DRAWS = 2_000
 FEWEST_BLOCKS = 3
 
@@ -27,12 +30,15 @@ def summary_table(rows: pd.DataFrame, seed: int = 0) -> pd.DataFrame:
     for key, group in rows.groupby(keys, sort=False):
         errors = group["error"].to_numpy(float)
         errors = np.where(np.isfinite(errors), errors, np.inf)  # a search without a result is the worst
-        draws = np.median(errors[random.integers(0, len(errors), (NUM_DRAWS, len(errors)))], axis=1)
-        low, high = np.quantile(draws, [0.025, 0.975], method="nearest")
+        interval = percentile_interval(
+            lambda drawn, errors=errors: float(np.median(errors[drawn])), len(errors), random, NUM_DRAWS,
+            method="nearest",
+        )  # fmt: skip
+        assert interval is not None
         times = {name: float(group[name].median()) for name in ("num_evaluated", "optimiser_s", "evaluation_s")}
         found.append(
             dict(zip(keys, key, strict=True))
-            | {"median": float(np.median(errors)), "low": float(low), "high": float(high), "num_seeds": len(errors)}
+            | {"median": float(np.median(errors)), "low": interval[0], "high": interval[1], "num_seeds": len(errors)}
             | times
         )
     return pd.DataFrame(found)
@@ -75,16 +81,6 @@ def rank_table(blocks: pd.DataFrame) -> pd.DataFrame:
             "num_blocks": num_blocks,
         }
     )
-
-
-def holm(p_values: np.ndarray) -> np.ndarray:
-    """Return Holm's adjusted p-values; nan stays nan and is not counted."""
-    adjusted = np.full(p_values.shape, np.nan)
-    places = np.flatnonzero(np.isfinite(p_values))
-    order = places[np.argsort(p_values[places], kind="stable")]
-    factors = len(order) - np.arange(len(order))
-    adjusted[order] = np.minimum(np.maximum.accumulate(factors * p_values[order]), 1.0)
-    return adjusted
 
 
 def all_rank_tables(rows: pd.DataFrame) -> pd.DataFrame:

@@ -1,14 +1,14 @@
-"""The project's default, as `jaxcalib calibrate` searches after screening: SAGA, then Gauss-Newton from its best."""
+"""SAGA, then Gauss-Newton from its best: what `jaxcalib calibrate` with `optimiser = "saga"` does after screening."""
 
 from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
 
-from experiments.optimisers.interface import Optimiser, Setting, Told
-from experiments.optimisers.saga_search import POPULATION, Saga
-from experiments.optimisers.trust_region_search import RestartedState, TrustRegion
-from jaxcalib.search import SagaState
+from jaxcalib.search.optimiser import Optimiser, RoundInfo, Setting, Told, info_of
+from jaxcalib.search.optimisers.saga import POPULATION, Saga
+from jaxcalib.search.optimisers.trust_region import RestartedState, TrustRegion
+from jaxcalib.search.saga.search import SagaState
 
 SAGA_SHARE = 0.6  # of the evaluations; the polish takes the rest
 
@@ -38,12 +38,14 @@ class SagaPolish(Optimiser):
         """Return the candidates of the phase that runs."""
         return self._saga.ask(state.saga) if state.polish is None else self._trust_region.ask(state.polish)
 
-    def tell(self, state: TwoPhaseState, told: Told) -> TwoPhaseState:
+    def tell(self, state: TwoPhaseState, told: Told) -> tuple[TwoPhaseState, RoundInfo]:
         """Return the state after a round of either phase."""
         if state.polish is not None:
-            return replace(state, polish=self._trust_region.tell(state.polish, told))
-        saga = self._saga.tell(state.saga, told)
+            polish, info = self._trust_region.tell(state.polish, told)
+            return replace(state, polish=polish), info
+        saga, info = self._saga.tell(state.saga, told)
         if not saga.status.is_final:
-            return replace(state, saga=saga)
+            return replace(state, saga=saga), info
         best = saga.best_candidate if saga.best_candidate is not None else state.setting.start
-        return replace(state, saga=saga, polish=self._trust_region.init(replace(state.setting, start=best)))
+        polish = self._trust_region.init(replace(state.setting, start=best))
+        return replace(state, saga=saga, polish=polish), info_of(told)

@@ -13,7 +13,7 @@ import pandas as pd
 from filelock import FileLock, Timeout
 
 from jaxcalib.errors import CaseError
-from jaxcalib.runs.journal import write_atomically
+from sim_adapters.atomic_file import write_atomically
 
 FILE_NAME = "study.json"
 MAY_GROW = ("optimisers", "seeds", "functions")  # searches do not depend on which others there are

@@ -8,7 +8,7 @@ from jaxtyping import Float
 from optuna.distributions import BaseDistribution, FloatDistribution
 from optuna.trial import TrialState, create_trial
 
-from experiments.optimisers.interface import Optimiser, Setting, Told
+from jaxcalib.search.optimiser import Optimiser, RoundInfo, Setting, Told, info_of
 
 optuna.logging.set_verbosity(optuna.logging.WARNING)
 
@@ -35,11 +35,12 @@ class Tpe(Optimiser):
         """Return the batch."""
         return state.candidates.copy()
 
-    def tell(self, state: TpeState, told: Told) -> TpeState:
+    def tell(self, state: TpeState, told: Told) -> tuple[TpeState, RoundInfo]:
         """Return the state with the next batch."""
         together = told.joined(state.told)
         candidates = _draw(state.setting, together, state.num_batches)
-        return replace(state, candidates=candidates, told=together, num_batches=state.num_batches + 1)
+        state = replace(state, candidates=candidates, told=together, num_batches=state.num_batches + 1)
+        return state, info_of(told)
 
 
 def _draw(setting: Setting, told: Told | None, batch: int) -> Float[np.ndarray, "candidate parameter"]:

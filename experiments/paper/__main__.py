@@ -1,4 +1,4 @@
-"""`python -m experiments.paper CASE`: the paper's evaluation on any case; see docs/paper-study.md."""
+"""`python -m experiments.paper CASE`: the paper's evaluation on any case; see docs/studies.md."""
 
 import os
 import sys
@@ -83,8 +83,8 @@ def ablation(
     budget
         Factor on the numbers of simulation runs.
     method
-        Some of improved, without_logs, without_screening, without_saga, without_polish, without_gradients,
-        without_correction, without_whitening.
+        Some of improved, without_logs, without_screening, without_optimiser, with_saga, without_polish,
+        without_gradients, without_correction, without_whitening.
     settings
         TOML file with what all variants share.
     """

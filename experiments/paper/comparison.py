@@ -9,7 +9,8 @@ import pandas as pd
 from experiments.paper.methods import IMPROVED, LABELS, NO_CALIBRATION, PRINTED, STATE_OF_THE_ART
 from experiments.paper.similarity import chance_at_least, chance_similarity, pair_shares
 from experiments.paper.trial import Trial
-from jaxcalib.calibration.objective.accuracy import MEASURE_OF, VEHICLE_LEVEL_SUM
+from jaxcalib.calibration.objective.accuracy import MOES, VEHICLE_LEVEL_SUM
+from jaxcalib.statistics.bootstrap import percentile_interval
 
 FEWEST_PAIRS = 3  # for an interval
 NUM_DRAWS = 2000
@@ -78,7 +79,7 @@ def _aspect(choose: Callable[[list[float]], float]) -> Callable[[Sequence[Pair]]
 def mean_errors(trials: Sequence[Trial]) -> dict[str, float | None]:
     """Return the mean of each error over trials; None where no trial has it."""
     means: dict[str, float | None] = {}
-    for name in MEASURE_OF:
+    for name in MOES:
         known = [trial.errors[name] for trial in trials if trial.errors.get(name) is not None]
         means[name] = float(np.mean(np.asarray(known, float))) if known else None
     return means
@@ -178,7 +179,7 @@ def summary_table(trials: Sequence[Trial]) -> pd.DataFrame:
             float(np.mean([trial.sumo_runs for trial in of_method])),
             float(np.mean([trial.calibration_s for trial in of_method])),
         ]
-    rows = [*MEASURE_OF, VEHICLE_LEVEL_SUM, "surrogate_runs", "sumo_runs", "calibration_s"]
+    rows = [*MOES, VEHICLE_LEVEL_SUM, "surrogate_runs", "sumo_runs", "calibration_s"]
     floor = noise_floor_of(trials)
     table = {"measure": rows, **{name: [_rounded(one) for one in values] for name, values in columns.items()}}
     return pd.DataFrame(table | {"noise floor": [_rounded(floor.get(row)) for row in rows]})
@@ -189,7 +190,7 @@ def noise_floor_of(trials: Sequence[Trial]) -> dict[str, float | None]:
     methods = {trial.method for trial in trials}
     best = IMPROVED if IMPROVED in methods else next(iter(sorted(methods)))
     floors: dict[str, float | None] = {}
-    for name in MEASURE_OF:
+    for name in MOES:
         known = [trial.floor.get(name) for trial in trials if trial.method == best]
         known = [one for one in known if one is not None]
         floors[name] = float(np.mean(known)) if known else None
@@ -199,11 +200,10 @@ def noise_floor_of(trials: Sequence[Trial]) -> dict[str, float | None]:
 def _interval(ours: Callable[[Sequence[Pair]], float | None], pairs: list[Pair]) -> tuple[float | None, float | None]:
     if len(pairs) < FEWEST_PAIRS:
         return None, None
-    rng = np.random.default_rng(0)
-    draws = [ours([pairs[i] for i in rng.integers(len(pairs), size=len(pairs))]) for _ in range(NUM_DRAWS)]
-    known = [one for one in draws if one is not None]
-    low, high = np.quantile(known, [0.05, 0.95]) if known else (None, None)
-    return low, high
+    interval = percentile_interval(
+        lambda drawn: ours([pairs[i] for i in drawn]), len(pairs), np.random.default_rng(0), NUM_DRAWS, (0.05, 0.95)
+    )
+    return interval or (None, None)
 
 
 def _chance(figure: PaperFigure, trials: Sequence[Trial]) -> float | None:

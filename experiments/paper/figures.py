@@ -9,7 +9,7 @@ from experiments.paper.comparison import chance_of, critical_sets, mean_errors, 
 from experiments.paper.methods import IMPROVED, LABELS, NO_CALIBRATION, PRINTED, STATE_OF_THE_ART
 from experiments.paper.similarity import similarity_matrix
 from experiments.paper.trial import Trial
-from jaxcalib.calibration.objective.accuracy import MEASURE_OF, TRAFFIC_LEVEL, VEHICLE_LEVEL
+from jaxcalib.calibration.objective.accuracy import MOES, TRAFFIC_LEVEL, VEHICLE_LEVEL
 from jaxcalib.html.drawing import AFTER, BEFORE, NOISE, svg, svg_grid
 
 COLORS = {NO_CALIBRATION: "#9a9a9a", STATE_OF_THE_ART: BEFORE, PRINTED: "#8fb8de", IMPROVED: AFTER}
@@ -84,7 +84,7 @@ def _improvements(trials: Sequence[Trial]) -> str | None:
     others = [one for one in (NO_CALIBRATION, STATE_OF_THE_ART) if any(trial.method == one for trial in trials)]
     if not ours or not others:
         return None
-    names = list(MEASURE_OF)
+    names = list(MOES)
     place = np.arange(len(names))[::-1]
 
     def draw(grid: list[list[Axes]]) -> None:
@@ -108,7 +108,7 @@ def _per_aspect(trials: Sequence[Trial]) -> str | None:
     ours = [method for method in (PRINTED, IMPROVED) if any(one.method == method for one in trials)]
     if not ours:
         return None
-    floor, names = noise_floor_of(trials), list(MEASURE_OF)
+    floor, names = noise_floor_of(trials), list(MOES)
     place = np.arange(len(names))[::-1]
 
     def draw(axes: Axes) -> None:

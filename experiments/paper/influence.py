@@ -25,7 +25,6 @@ from jaxcalib.calibration.stages.evaluator import Evaluator
 from jaxcalib.calibration.stages.screening import smallest_array
 from jaxcalib.calibration.stages.search_box import half_width_of, search_box
 from jaxcalib.calibration.stages.search_run import SearchRun
-from jaxcalib.calibration.stages.two_stage import NOISE_OFFSET
 from jaxcalib.html.drawing import AFTER, svg_grid
 from jaxcalib.initial_values.initial_point import find_initial_point
 from jaxcalib.problem.engines import prepare_devices, surrogate_engine
@@ -34,7 +33,7 @@ from jaxcalib.problem.settings import Settings
 from jaxcalib.runs.journal import JournaledSurrogate
 from jaxcalib.runs.provenance import commit, versions
 from jaxcalib.runs.run_folder import identify, open_run_folder
-from jaxcalib.runs.seeds import SEEDS_PER_CALIBRATION
+from jaxcalib.runs.seeds import NOISE_OFFSET, SEEDS_PER_CALIBRATION
 from jaxcalib.search import analyse_ranges
 
 MORRIS_LEVELS = 4

@@ -20,7 +20,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.stats import qmc
 
-from jaxcalib.search.genetic_operators import (
+from jaxcalib.search.saga.genetic_operators import (
     mutate,
     ranked_weights,
     reflect_into_unit_cube,

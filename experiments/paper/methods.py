@@ -41,7 +41,8 @@ def settings_of(method: str, common: Settings) -> Settings:
 ABLATIONS: dict[str, Callable[[Settings], Settings]] = {
     "without_logs": lambda one: msgspec.structs.replace(one, without=(*one.without, "logs")),
     "without_screening": lambda one: msgspec.structs.replace(one, num_critical=50),
-    "without_saga": lambda one: msgspec.structs.replace(one, without=(*one.without, "saga")),
+    "without_optimiser": lambda one: msgspec.structs.replace(one, without=(*one.without, "optimiser")),
+    "with_saga": lambda one: msgspec.structs.replace(one, optimiser="saga"),
     "without_polish": lambda one: msgspec.structs.replace(one, without=(*one.without, "polish")),
     "without_gradients": lambda one: msgspec.structs.replace(one, without=(*one.without, "gradients")),
     "without_correction": lambda one: msgspec.structs.replace(one, without=(*one.without, "correction")),

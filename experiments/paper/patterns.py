@@ -13,7 +13,7 @@ from jaxcalib.case.case_file import FILE_NAME
 from jaxcalib.errors import CaseError
 from jaxcalib.problem.parameter_space import parameter_space, round_values
 from jaxcalib.problem.problem import CalibrationProblem
-from jaxcalib.runs.journal import write_atomically
+from sim_adapters.atomic_file import write_atomically
 
 OWN_FIELD = 1
 TRUTH_SEED = 2015

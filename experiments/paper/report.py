@@ -12,7 +12,7 @@ def write_report(out: Path) -> str:
     from experiments.paper.comparison import comparison_table, summary_table
     from experiments.paper.figures import all_figures
     from experiments.paper.study import read_study
-    from jaxcalib.runs.journal import write_atomically
+    from sim_adapters.atomic_file import write_atomically
 
     _, trials = read_study(out)
     comparison, summary = comparison_table(trials), summary_table(trials)

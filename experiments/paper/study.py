@@ -18,10 +18,10 @@ from jaxcalib.errors import CaseError
 from jaxcalib.problem.engines import prepare_devices
 from jaxcalib.problem.problem import read_problem
 from jaxcalib.problem.settings import Settings
-from jaxcalib.runs.journal import write_atomically
 from jaxcalib.runs.progress import Progress
 from jaxcalib.runs.provenance import commit, versions
 from jaxcalib.runs.run_folder import identify, open_run_folder
+from sim_adapters.atomic_file import write_atomically
 
 STUDY_FILE, TABLE = "study.json", "trials"
 FIRST_SEED = 1  # a calibration's seed; each trial of a pattern and repetition has one, the same for all methods

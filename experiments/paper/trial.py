@@ -7,7 +7,7 @@ import msgspec
 import numpy as np
 import pandas as pd
 
-from jaxcalib.calibration.objective.accuracy import MEASURE_OF
+from jaxcalib.calibration.objective.accuracy import MOES
 from jaxcalib.errors import CaseError
 
 FORMAT = 1
@@ -80,8 +80,8 @@ def table_of(trials: list[Trial]) -> pd.DataFrame:
     rows: list[dict[str, Any]] = []
     for one in trials:
         row: dict[str, Any] = {name: getattr(one, name) for name in ("method", "pattern", "repetition", "seed", "role")}
-        row |= {f"error_{name}": _number(one.errors.get(name)) for name in MEASURE_OF}
-        row |= {f"floor_{name}": _number(one.floor.get(name)) for name in MEASURE_OF}
+        row |= {f"error_{name}": _number(one.errors.get(name)) for name in MOES}
+        row |= {f"floor_{name}": _number(one.floor.get(name)) for name in MOES}
         row |= {name: getattr(one, name) for name in ("vehicle_level", "surrogate_runs", "sumo_runs", "calibration_s")}
         row |= {"critical": " ".join(one.critical), "num_drivers": one.num_drivers}
         row["stage2_undid_stage1"] = "" if one.stage2_undid_stage1 is None else str(one.stage2_undid_stage1).lower()

@@ -21,11 +21,12 @@ from jaxcalib.problem.engines import sumo_engine, surrogate_engine
 from jaxcalib.problem.parameter_space import parameter_space, round_values
 from jaxcalib.problem.problem import CalibrationProblem, read_problem
 from jaxcalib.problem.settings import Settings
-from jaxcalib.runs.journal import JournaledSumo, JournaledSurrogate, write_atomically
+from jaxcalib.runs.journal import JournaledSumo, JournaledSurrogate
 from jaxcalib.runs.progress import Progress
-from jaxcalib.runs.run_folder import RunFolder, identify, open_run_folder
-from jaxcalib.runs.seeds import FINAL_SEEDS, SEARCH_SEED, SEEDS_PER_CALIBRATION
-from jaxcalib.runs.stopwatch import Stopwatch
+from jaxcalib.runs.run_folder import identify
+from jaxcalib.runs.seeds import FINAL_SEEDS, SEARCH_SEED
+from jaxcalib.runs.session import Session, open_session
+from sim_adapters.atomic_file import write_atomically
 
 # From the first case of Stage 1 to the values returned (Section 5.3.3); what the logs say before is not counted there.
 CALIBRATION_PARTS = ("stage1", "stage2_exploration", "stage2_optimisation", "confirmation")
@@ -78,9 +79,10 @@ def run_trial(
         return read_trial(file)
     problem = read_problem(case)
     options = {"method": method, "seed": seed, "budget": budget, "settings": repr(settings)}
-    with open_run_folder(folder / "run", identify(problem.case, options), resume=True) as run_folder:
-        found = find_values(method, problem, run_folder, seed, budget, settings, progress)
-        errors = errors_in_sumo(problem, run_folder, found.values, seed, budget, progress)
+    identity = identify(problem.case, options)
+    with open_session(folder / "run", identity, seed=seed, progress=progress, resume=True) as session:
+        found = find_values(method, problem, session, budget, settings)
+        errors = errors_in_sumo(problem, session, found.values, budget)
     trial = Trial(
         method=method,
         pattern=pattern,
@@ -103,22 +105,18 @@ def run_trial(
 def find_values(
     method: str,
     problem: CalibrationProblem,
-    run_folder: RunFolder,
-    seed: int,
+    session: Session,
     budget: float,
     settings: Settings,
-    progress: Progress,
 ) -> Found:
     """Return the values that a method finds.
 
     Args:
         method: its name.
         problem: the pattern's case.
-        run_folder: keeps the runs.
-        seed: of all random numbers.
+        session: of the trial.
         budget: factor on the numbers of runs.
         settings: what all methods share.
-        progress: told how far it is.
 
     Raises:
         AllRunsFailedError: a simulator failed.
@@ -126,47 +124,31 @@ def find_values(
     if method == NO_CALIBRATION:
         return Found(round_values(problem.template.base_values()))
     if method == STATE_OF_THE_ART:
-        return _state_of_the_art(problem, run_folder, seed, budget, settings, progress)
-    return _two_stages(problem, run_folder, seed, budget, settings_of(method, settings), progress)
+        return _state_of_the_art(problem, session, budget, settings)
+    return _two_stages(problem, session, budget, settings_of(method, settings))
 
 
-def _two_stages(
-    problem: CalibrationProblem,
-    run_folder: RunFolder,
-    seed: int,
-    budget: float,
-    settings: Settings,
-    progress: Progress,
-) -> Found:
-    plan, journal = plan_calibration(problem, settings, budget), run_folder.journal
-    progress.plan(plan.num_surrogate_runs, plan.num_sumo_runs)
-    stopwatch = Stopwatch(journal.clock)
+def _two_stages(problem: CalibrationProblem, session: Session, budget: float, settings: Settings) -> Found:
+    plan = plan_calibration(problem, settings, budget)
+    session.progress.plan(plan.num_surrogate_runs, plan.num_sumo_runs)
     engine = surrogate_engine(problem)
     with sumo_engine(problem) as pool:
-        sumo = JournaledSumo(pool, journal)
-        searched = search_values(problem, settings, plan, seed, engine, sumo, journal, progress, stopwatch)
+        searched = search_values(problem, settings, plan, engine, JournaledSumo(pool, session.journal), session)
     names = searched.initial.space.names
     return Found(
         values=searched.values,
         surrogate_runs=searched.surrogate.num_runs,
         sumo_runs=health_of(searched.confirmation.outcomes).runs if searched.confirmation.outcomes else 0,
-        calibration_s=sum(stopwatch.wall_s.get(part, 0.0) for part in CALIBRATION_PARTS),
+        calibration_s=sum(session.stopwatch.wall_s.get(part, 0.0) for part in CALIBRATION_PARTS),
         critical=[names[place] for place in searched.found.critical],
         stage2_undid_stage1=bool(searched.found.has_drifted),
         flow_accuracy=[float(one) for one in searched.found.stage_1_accuracy],
     )
 
 
-def _state_of_the_art(
-    problem: CalibrationProblem,
-    run_folder: RunFolder,
-    seed: int,
-    budget: float,
-    settings: Settings,
-    progress: Progress,
-) -> Found:
+def _state_of_the_art(problem: CalibrationProblem, session: Session, budget: float, settings: Settings) -> Found:
     """Return values, runs and time of the state of the art; as many runs as our method plans at this budget."""
-    plan, journal = plan_budget(problem, budget), run_folder.journal
+    plan, journal, progress = plan_budget(problem, budget), session.journal, session.progress
     progress.plan(plan.num_surrogate_runs, plan.num_sumo_runs)
     progress.stage("memetic algorithm on volumes and speeds")
     demand = demand_from_logs(problem).values_vehph
@@ -176,43 +158,35 @@ def _state_of_the_art(
     engine = surrogate_engine(problem)
     with ThreadPoolExecutor(1) as thread:
         thread.submit(engine.prepare).result()
-    first_seed = seed * SEEDS_PER_CALIBRATION + SEARCH_SEED
+    first_seed = session.first_seed + SEARCH_SEED
     evaluator = Evaluator(
         JournaledSurrogate(engine, journal), problem.departs_s("fit"), first_seed, progress.surrogate_runs
     )
     began, compiled_s = journal.clock(), engine.compile_s
     best = state_of_the_art.search(
         problem, space, start, evaluator, plan.runs_per_candidate, plan.num_surrogate_runs,
-        settings.accuracy_threshold, seed, progress.best,
+        settings.accuracy_threshold, session.seed, progress.best,
     )  # fmt: skip
     elapsed_s = journal.clock() - began - (engine.compile_s - compiled_s)
     return Found(space.values_of(best[None])[0], evaluator.num_runs, calibration_s=elapsed_s)
 
 
-def errors_in_sumo(
-    problem: CalibrationProblem,
-    run_folder: RunFolder,
-    values: np.ndarray,
-    seed: int,
-    budget: float,
-    progress: Progress,
-) -> dict:
+def errors_in_sumo(problem: CalibrationProblem, session: Session, values: np.ndarray, budget: float) -> dict:
     """Return the errors of values, pooled and numbered as in result.json; the same runs and seeds for all methods.
 
     Drives share runs where their departures allow it: hundreds of trials are compared, each by as many drives.
     """
-    plan, first_seed = plan_budget(problem, budget), seed * SEEDS_PER_CALIBRATION
+    plan = plan_budget(problem, budget)
     counts: dict[Role, int] = {"held_out": plan.final_runs, "fit": plan.final_fit_runs}
-    progress.stage("final_errors")
+    session.progress.stage("final_errors")
     with sumo_engine(problem) as pool:
-        sumo = JournaledSumo(pool, run_folder.journal)
+        sumo = JournaledSumo(pool, session.journal)
         waiting: dict[Role, Callable[[], FinalRuns]] = {
             role: start_final_runs(
-                problem, sumo, values, role, counts[role], first_seed + FINAL_SEEDS[role], progress.sumo_runs,
-                shares_runs=problem.template.can_share_runs,
+                problem, sumo, values, role, counts[role], session, shares_runs=problem.template.can_share_runs
             )
             for role in FINAL_SEEDS
-        }  # fmt: skip
+        }
         runs: dict[Role, FinalRuns] = {role: wait() for role, wait in waiting.items()}
     for role in reversed(ROLES):  # held-out drives, or those to fit where there are none
         pooled = runs_of_role(problem, runs, role)

@@ -1,14 +1,12 @@
 """One call calibrates a case: initial values, two stages in the surrogate, confirmation in SUMO, final errors."""
 
 import os
-import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
-from jaxcalib.calibration.confirmation.confirmation import Confirmation
 from jaxcalib.calibration.confirmation.final_errors import FinalRuns, start_final_runs
 from jaxcalib.calibration.record import CalibrationRecord
 from jaxcalib.calibration.result.outputs import write_outputs
@@ -16,18 +14,17 @@ from jaxcalib.calibration.result.result import CalibrationResult
 from jaxcalib.calibration.result.result_tables import build_result
 from jaxcalib.calibration.stages.budget import Budget
 from jaxcalib.calibration.stages.evaluator import Evaluations, Evaluator
-from jaxcalib.calibration.value_search import plan_calibration, search_values
+from jaxcalib.calibration.value_search import SearchedValues, plan_calibration, search_values
 from jaxcalib.case.case import Role
-from jaxcalib.initial_values.initial_point import InitialPoint
 from jaxcalib.problem.engines import prepare_devices, sumo_engine, surrogate_engine
 from jaxcalib.problem.parameter_space import parameter_space, round_values
 from jaxcalib.problem.problem import CalibrationProblem, read_problem
 from jaxcalib.problem.settings import Settings, read_settings
-from jaxcalib.runs.journal import Journal, JournaledSumo, JournaledSurrogate
-from jaxcalib.runs.progress import Progress, Silent
-from jaxcalib.runs.run_folder import RunFolder, identify, open_run_folder
-from jaxcalib.runs.seeds import CONFIRMATION_SEED, FINAL_SEEDS, MOST_SEED, SEARCH_SEED, SEEDS_PER_CALIBRATION
-from jaxcalib.runs.stopwatch import Stopwatch
+from jaxcalib.runs.journal import JournaledSumo, JournaledSurrogate
+from jaxcalib.runs.progress import Progress
+from jaxcalib.runs.run_folder import identify
+from jaxcalib.runs.seeds import CONFIRMATION_SEED, FINAL_SEEDS, MOST_SEED, SEARCH_SEED
+from jaxcalib.runs.session import Session, open_session
 from sim_adapters.jax.simulator import JaxSimulator
 
 
@@ -59,7 +56,7 @@ def calibrate(
         CaseError: the case, the settings or RUN are wrong; one line says what.
         AllRunsFailedError: a simulator failed.
     """
-    began = time.perf_counter()
+    began_s = time.perf_counter()
     if not 0 <= seed <= MOST_SEED or not 0.05 <= budget <= 100.0:
         raise ValueError(f"Expected a seed of 0 to {MOST_SEED} and a budget of 0.05 to 100; got {seed} and {budget}.")
     chosen = settings if isinstance(settings, Settings) else read_settings(settings)
@@ -68,97 +65,77 @@ def calibrate(
     demand = problem.template.base_demand_vehph()
     parameter_space(problem.layout, problem.model, demand, chosen.scaling_factor, chosen.bounds)  # are they sound?
     options = {"seed": seed, "budget": budget, "settings": repr(chosen)}
-    if out is None:
-        with tempfile.TemporaryDirectory(prefix="jaxcalib-") as folder:
-            run_folder = open_run_folder(Path(folder) / "run", identify(problem.case, options), False)
-            with run_folder:
-                return _calibrate(problem, chosen, seed, budget, run_folder, progress or Silent(), began)
-    with open_run_folder(Path(out), identify(problem.case, options), resume) as run_folder:
-        return _calibrate(problem, chosen, seed, budget, run_folder, progress or Silent(), began)
+    with open_session(
+        out, identify(problem.case, options), seed=seed, progress=progress, resume=resume, began_s=began_s
+    ) as session:
+        record = find_and_judge_values(problem, chosen, budget, session)
+        session.progress.stage("report")
+        record.wall_s["total"] = session.elapsed_s
+        result = build_result(record)
+        write_outputs(record, result, session.folder)
+        return result
 
 
-def _calibrate(
-    problem: CalibrationProblem,
-    settings: Settings,
-    seed: int,
-    scale: float,
-    run_folder: RunFolder,
-    progress: Progress,
-    began: float,
-) -> CalibrationResult:
+def find_and_judge_values(
+    problem: CalibrationProblem, settings: Settings, scale: float, session: Session
+) -> CalibrationRecord:
+    """Search the values of a problem in both simulators, and run the result and the scenario as it was in SUMO."""
     plan = plan_calibration(problem, settings, scale)
-    first_seed = seed * SEEDS_PER_CALIBRATION
-    stopwatch = Stopwatch(run_folder.journal.clock)
-    stopwatch.add("reading", time.perf_counter() - began)
-    progress.plan(plan.num_surrogate_runs, plan.num_sumo_runs)
-    journal = run_folder.journal
+    session.stopwatch.add("reading", time.perf_counter() - session.began_s)
+    session.progress.plan(plan.num_surrogate_runs, plan.num_sumo_runs)
     engine = surrogate_engine(problem)
     with sumo_engine(problem) as sumo_pool:
-        sumo = JournaledSumo(sumo_pool, journal)
-
-        def start_final(values: np.ndarray) -> dict[Role, Callable[[], FinalRuns]]:
-            counts: dict[Role, int] = {"held_out": plan.final_runs, "fit": plan.final_fit_runs}
-            return {
-                role: start_final_runs(
-                    problem, sumo, values, role, counts[role], first_seed + first, progress.sumo_runs
-                )
-                for role, first in FINAL_SEEDS.items()
-            }
-
-        searched = search_values(problem, settings, plan, seed, engine, sumo, journal, progress, stopwatch)
-        initial, found, confirmation = searched.initial, searched.found, searched.confirmation
-        surrogate = searched.surrogate
-        on_held_out = surrogate_on_held_out(problem, engine, journal, initial, confirmation, plan, first_seed)
-        progress.stage("final_errors")
-        with stopwatch.time("final_errors"):
-            calibrated = start_final(initial.space.values_of(confirmation.best[None])[0])
-            uncalibrated = start_final(round_values(problem.template.base_values()))
-            final: dict[str, dict[Role, FinalRuns]] = {
-                name: {role: wait() for role, wait in waiting.items()}
-                for name, waiting in (("calibrated", calibrated), ("uncalibrated", uncalibrated))
-            }
+        sumo = JournaledSumo(sumo_pool, session.journal)
+        searched = search_values(problem, settings, plan, engine, sumo, session)
+        on_held_out = surrogate_on_held_out(problem, engine, searched, plan, session)
+        session.progress.stage("final_errors")
+        with session.stopwatch.time("final_errors"):
+            calibrated, uncalibrated = (
+                start_final_runs_of_roles(problem, sumo, values, plan, session)
+                for values in (searched.values, round_values(problem.template.base_values()))
+            )
+            final: list[dict[Role, FinalRuns]] = [
+                {role: wait() for role, wait in waiting.items()} for waiting in (calibrated, uncalibrated)
+            ]
         processes = sumo_pool.num_processes
-    stopwatch.add("compile", engine.compile_s)
-    record = CalibrationRecord(
+    session.stopwatch.add("compile", engine.compile_s)
+    return CalibrationRecord(
         problem=problem,
         settings=settings,
         budget=plan,
-        seed=seed,
-        initial=initial,
-        found=found,
-        confirmation=confirmation,
-        calibrated=final["calibrated"],
-        uncalibrated=final["uncalibrated"],
+        seed=session.seed,
+        initial=searched.initial,
+        found=searched.found,
+        confirmation=searched.confirmation,
+        calibrated=final[0],
+        uncalibrated=final[1],
         search_seeds={
-            "search": first_seed + SEARCH_SEED,
-            "confirmation": first_seed + CONFIRMATION_SEED,
-            **{f"final_{role}": first_seed + one for role, one in FINAL_SEEDS.items()},
+            "search": session.first_seed + SEARCH_SEED,
+            "confirmation": session.first_seed + CONFIRMATION_SEED,
+            **{f"final_{role}": session.first_seed + one for role, one in FINAL_SEEDS.items()},
         },
-        num_surrogate_runs=surrogate.num_runs,
+        num_surrogate_runs=searched.surrogate.num_runs,
         surrogate_on_held_out=on_held_out,
         num_sumo_processes=processes,
-        wall_s=stopwatch.wall_s,
+        wall_s=session.stopwatch.wall_s,
     )
-    progress.stage("report")
-    record.wall_s["total"] = journal.clock() - began
-    result = build_result(record)
-    write_outputs(record, result, run_folder)
-    return result
+
+
+def start_final_runs_of_roles(
+    problem: CalibrationProblem, sumo: JournaledSumo, values: np.ndarray, plan: Budget, session: Session
+) -> dict[Role, Callable[[], FinalRuns]]:
+    """Start the runs of a point on the drives of each role in the background; return what waits for them."""
+    counts: dict[Role, int] = {"held_out": plan.final_runs, "fit": plan.final_fit_runs}
+    return {role: start_final_runs(problem, sumo, values, role, counts[role], session) for role in FINAL_SEEDS}
 
 
 def surrogate_on_held_out(
-    problem: CalibrationProblem,
-    engine: JaxSimulator,
-    journal: Journal,
-    initial: InitialPoint,
-    confirmation: Confirmation,
-    plan: Budget,
-    first_seed: int,
+    problem: CalibrationProblem, engine: JaxSimulator, searched: SearchedValues, plan: Budget, session: Session
 ) -> Evaluations | None:
     """Return the surrogate's runs of the result on held-out drives, if there are any: nothing is chosen by them."""
     departs_s = problem.departs_s("held_out")
     if not departs_s:
         return None
-    evaluator = Evaluator(JournaledSurrogate(engine, journal), departs_s, first_seed + FINAL_SEEDS["held_out"])
-    values = initial.space.values_of(confirmation.best[None])
-    return evaluator.evaluate(values, evaluator.rounds_of(plan.noise_runs))
+    first_seed = session.first_seed + FINAL_SEEDS["held_out"]
+    evaluator = Evaluator(JournaledSurrogate(engine, session.journal), departs_s, first_seed)
+    return evaluator.evaluate(searched.values[None], evaluator.rounds_of(plan.noise_runs))

@@ -12,10 +12,9 @@ from jaxcalib.calibration.stages.two_stage import TwoStageResult, search_two_sta
 from jaxcalib.initial_values.initial_point import InitialPoint, find_initial_point, without_driver_logs
 from jaxcalib.problem.problem import CalibrationProblem
 from jaxcalib.problem.settings import Settings
-from jaxcalib.runs.journal import Journal, JournaledSumo, JournaledSurrogate
-from jaxcalib.runs.progress import Progress
-from jaxcalib.runs.seeds import CONFIRMATION_SEED, SEARCH_SEED, SEEDS_PER_CALIBRATION
-from jaxcalib.runs.stopwatch import Stopwatch
+from jaxcalib.runs.journal import JournaledSumo, JournaledSurrogate
+from jaxcalib.runs.seeds import CONFIRMATION_SEED, SEARCH_SEED
+from jaxcalib.runs.session import Session
 from sim_adapters.jax.simulator import JaxSimulator
 
 
@@ -51,12 +50,9 @@ def search_values(
     problem: CalibrationProblem,
     settings: Settings,
     plan: Budget,
-    seed: int,
     engine: JaxSimulator,
     sumo: JournaledSumo,
-    journal: Journal,
-    progress: Progress,
-    stopwatch: Stopwatch,
+    session: Session,
 ) -> SearchedValues:
     """Search the parameter values of a problem on the drives to fit, and confirm them in SUMO.
 
@@ -64,40 +60,35 @@ def search_values(
         problem: the problem.
         settings: the user's options.
         plan: numbers of runs.
-        seed: of all random numbers.
         engine: the surrogate; compiled while the logs are fitted.
         sumo: SUMO.
-        journal: of the runs made.
-        progress: told of each stage.
-        stopwatch: takes the time of each part.
+        session: seeds, journal, progress and time of the command.
 
     Raises:
         AllRunsFailedError: a simulator failed.
     """
-    first_seed = seed * SEEDS_PER_CALIBRATION
     with ThreadPoolExecutor(1) as thread:
         compiled = thread.submit(engine.prepare)  # meanwhile the logs are fitted
-        progress.stage("initial_values")
-        with stopwatch.time("initial_values"):
-            initial = find_initial_point(problem, settings.scaling_factor, settings.bounds, seed)
+        session.progress.stage("initial_values")
+        with session.stopwatch.time("initial_values"):
+            initial = find_initial_point(problem, settings.scaling_factor, settings.bounds, session.seed)
             if "logs" in settings.without:
                 initial = without_driver_logs(initial)
         compiled.result()
     surrogate = Evaluator(
-        JournaledSurrogate(engine, journal), problem.departs_s("fit"), first_seed + SEARCH_SEED, progress.surrogate_runs
+        JournaledSurrogate(engine, session.journal),
+        problem.departs_s("fit"),
+        session.first_seed + SEARCH_SEED,
+        session.progress.surrogate_runs,
     )
-    found = search_two_stages(problem, initial, surrogate, settings, plan, seed, progress, journal.clock)
-    for name, wall_s in found.wall_s.items():
-        stopwatch.add(name, wall_s)
+    found = search_two_stages(problem, initial, surrogate, settings, plan, session)
     confirming = Evaluator(
         sumo,
         problem.departs_s("fit"),
-        first_seed + CONFIRMATION_SEED,
-        progress.sumo_runs,
+        session.first_seed + CONFIRMATION_SEED,
+        session.progress.sumo_runs,
         shares_runs=problem.template.can_share_runs,
     )
-    with stopwatch.time("confirmation"):
-        confirmation = confirm(
-            found, initial, surrogate, confirming, plan, progress, lambda: stopwatch.start("corrected_search")
-        )
+    with session.stopwatch.time("confirmation"):
+        confirmation = confirm(found, initial, surrogate, confirming, plan, session)
     return SearchedValues(initial, found, confirmation, surrogate)

@@ -124,7 +124,7 @@ def fit_following(
     out
         Folder for the results.
     model
-        idm, iidm, acc, krauss, w99-sumo128, w99-vissim, gipps, ghr, fvd or aovrv.
+        Car-following model, for example idm, krauss or w99-sumo128; docs/parameters.md lists them all.
     held_out_share
         Last part of each pair that is not fitted but judged.
     drop_bad_pairs
@@ -216,9 +216,10 @@ def sweep(
     from jaxcalib.cli.sweep_command import SweepOptions, run_sweep
 
     options = SweepOptions(
-        case, out, design, seeds, engine, seed, parameters, settings, shard, merge, cluster, resume, quiet
-    )
-    return run_sweep(options)
+        design=design, seeds=seeds, engine=engine, seed=seed, parameters=parameters, settings=settings, shard=shard,
+        cluster=cluster, resume=resume,
+    )  # fmt: skip
+    return run_sweep(case, out, options, merge=merge, quiet=quiet)
 
 
 @app.command
@@ -251,7 +252,7 @@ def validate(
     drives
         Role of the drives to judge by: held_out or fit; held-out drives where there are any.
     counts
-        Table of counted vehicles (docs/validation.md); GEH and FHWA 2019 need one.
+        Table of counted vehicles (docs/validate.md); GEH and FHWA 2019 need one.
     resume
         Go on with a validation that was stopped.
     quiet

@@ -3,45 +3,28 @@
 import shlex
 import signal
 import sys
-from contextlib import nullcontext
-from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
 
 from jaxcalib.cli.guarded import guarded
 from jaxcalib.errors import CaseError
-from jaxcalib.runs.sweep_progress import Silent, TerminalSweepProgress
-from jaxcalib.sweeps.plan import Engine
-from jaxcalib.sweeps.sweep import SweepResult, merge_shards, sweep
+from jaxcalib.runs.progress import Silent
+from jaxcalib.runs.sweep_progress import TerminalSweepProgress
+from jaxcalib.sweeps.options import SweepOptions
+from jaxcalib.sweeps.sweep import SweepResult, make_sweep, merge_shards
 
 
-@dataclass(frozen=True)
-class SweepOptions:
-    """What stands on the command line."""
-
-    case: Path | None
-    out: Path
-    design: str
-    seeds: int
-    engine: Engine
-    seed: int
-    parameters: tuple[str, ...] | None
-    settings: Path | None
-    shard: str | None
-    merge: bool
-    cluster: str | None
-    resume: bool
-    quiet: bool
-
-
-def run_sweep(options: SweepOptions) -> int:
-    """Make a sweep and return the exit code."""
-    progress = Silent() if options.quiet else TerminalSweepProgress()
+def run_sweep(case: Path | None, out: Path, options: SweepOptions, *, merge: bool, quiet: bool) -> int:
+    """Make a sweep, or the table of what jobs have made, and return the exit code."""
 
     def work() -> str:
-        with progress if isinstance(progress, TerminalSweepProgress) else nullcontext():
-            result = _made(options, progress)
-        return "" if options.quiet else _summary(options, result)
+        if merge and (options.shard is not None or options.cluster is not None):
+            raise CaseError("command line", "--merge", "expected neither --shard nor --cluster beside it.")
+        if case is None and not merge:
+            raise CaseError("command line", "CASE", "expected the folder of a case.")
+        with Silent() if quiet else TerminalSweepProgress() as progress:
+            result = merge_shards(out, case) if merge or case is None else make_sweep(case, out, options, progress)
+        return "" if quiet else _summary(case, options, result)
 
     before = signal.signal(signal.SIGTERM, _stop)  # batch systems send it before they kill
     try:
@@ -50,21 +33,7 @@ def run_sweep(options: SweepOptions) -> int:
         signal.signal(signal.SIGTERM, before)
 
 
-def _made(options: SweepOptions, progress: Silent | TerminalSweepProgress) -> SweepResult:
-    if options.merge:
-        if options.shard is not None or options.cluster is not None:
-            raise CaseError("command line", "--merge", "expected neither --shard nor --cluster beside it.")
-        return merge_shards(options.out, options.case)
-    if options.case is None:
-        raise CaseError("command line", "CASE", "expected the folder of a case.")
-    return sweep(
-        options.case, options.out, design=options.design, seeds=options.seeds, engine=options.engine,
-        seed=options.seed, parameters=options.parameters, settings=options.settings, shard=options.shard,
-        cluster=options.cluster, resume=options.resume, progress=progress,
-    )  # fmt: skip
-
-
-def _summary(options: SweepOptions, result: SweepResult) -> str:
+def _summary(case: Path | None, options: SweepOptions, result: SweepResult) -> str:
     lines = [f"warning: {line}" for line in result.warnings]
     if result.is_complete:
         counts = ", ".join(f"{count} {name}" for name, count in result.statuses.items())
@@ -72,7 +41,7 @@ def _summary(options: SweepOptions, result: SweepResult) -> str:
         lines.append(f"report: {result.path.with_suffix('.html')}")
     else:
         lines.append(f"shard {options.shard}: done; {result.num_missing} of {result.num_rows} runs are missing still.")
-        lines.append(f"when all are there: jaxcalib sweep {options.case} --out {result.path} --merge")
+        lines.append(f"when all are there: jaxcalib sweep {case} --out {result.path} --merge")
     return "\n".join(lines)
 
 

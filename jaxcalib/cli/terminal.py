@@ -14,7 +14,7 @@ STAGE_NAMES = {
     "initial_values": "initial values from the logs",
     "stage1": "Stage 1: inflows",
     "stage2_exploration": "Stage 2: which driver parameters matter",
-    "stage2_optimisation": "Stage 2: SAGA and joint polish",
+    "stage2_optimisation": "Stage 2: values of driver parameters",
     "confirmation": "confirmation in SUMO",
     "final_errors": "errors on unseen seeds in SUMO",
     "validation": "runs in SUMO",

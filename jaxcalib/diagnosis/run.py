@@ -1,58 +1,27 @@
 """One call diagnoses a case: recalibrate, see what chance and each effect would do, judge the field by it."""
 
-import contextlib
 import os
-import tempfile
 import time
-from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-import numpy as np
-
-from jaxcalib.calibration.stages.budget import plan_budget
-from jaxcalib.calibration.value_search import SearchedValues, search_values
 from jaxcalib.diagnosis.answer.answer import Diagnosis
-from jaxcalib.diagnosis.answer.conclusion import conclude, refuse
+from jaxcalib.diagnosis.answer.conclusion import conclude
 from jaxcalib.diagnosis.answer.findings import Findings
-from jaxcalib.diagnosis.answer.remarks import FEW_DRIVES, aliased_effects
-from jaxcalib.diagnosis.features.drive_table import drive_table
-from jaxcalib.diagnosis.features.features import DriveTallies
-from jaxcalib.diagnosis.inference.atlas import EffectTrial, effect_trials
-from jaxcalib.diagnosis.inference.baseline import BaselineMaker
-from jaxcalib.diagnosis.inference.contest import Contest, best_gain, without_needless_unknown
-from jaxcalib.diagnosis.inference.evidence import most_misfit
-from jaxcalib.diagnosis.inference.investigation import NotTestableError, all_signatures, prepare, shift_in_errors
-from jaxcalib.diagnosis.inference.local_search import windows_of_effects
-from jaxcalib.diagnosis.inference.place_search import refine_places
-from jaxcalib.diagnosis.inference.refit import MOST_SUMO_POINTS, OTHERS_SUMO_POINTS, Refit, refit
-from jaxcalib.diagnosis.inference.refitted_contest import contenders, with_refits
-from jaxcalib.diagnosis.inference.sumo_check import Check, check_in_sumo
-from jaxcalib.diagnosis.inference.verdict import LEAST_EVIDENCE, judge
-from jaxcalib.diagnosis.inference.visibility import atlas_of
-from jaxcalib.diagnosis.runs.explained_runs import ExplainedRunner
-from jaxcalib.diagnosis.runs.null_runs import fine_interval_s, num_runs_for
-from jaxcalib.diagnosis.runs.plan import plan_diagnosis
-from jaxcalib.diagnosis.runs.recalibration import Recalibrator
-from jaxcalib.diagnosis.runs.stages import Stages
-from jaxcalib.diagnosis.runs.trials import Trial
-from jaxcalib.field.seen_range import seen_perception
-from jaxcalib.problem.engines import (
-    prepare_devices,
-    sumo_engine,
-    surrogate_engine,
-)
-from jaxcalib.problem.problem import CalibrationProblem, drives_to_fit, read_problem
-from jaxcalib.problem.settings import Settings
-from jaxcalib.runs.journal import JournaledSumo
-from jaxcalib.runs.progress import Progress, Silent
-from jaxcalib.runs.run_folder import RunFolder, identify, open_run_folder
-from jaxcalib.runs.seeds import MOST_SEED, SEEDS_PER_CALIBRATION
-from jaxcalib.runs.stopwatch import Stopwatch
-from sim_adapters.scenario.sumo_effects import is_expressible
-from surrogate.effects.registry import EFFECTS
-
-RECALIBRATION_SCALE = 0.5  # of the calibration's numbers of runs; the last step is taken on all features anyway
-TRIAL_SEED = 800_000
+from jaxcalib.diagnosis.inference.investigation import NotTestableError
+from jaxcalib.diagnosis.stages.calibrated import Calibrated, recalibrate
+from jaxcalib.diagnosis.stages.checked import check_best
+from jaxcalib.diagnosis.stages.concluded import gather_findings, refuse_drives
+from jaxcalib.diagnosis.stages.judged import judge_drives
+from jaxcalib.diagnosis.stages.refitted import refit_best
+from jaxcalib.diagnosis.stages.session import DiagnosisSession, begin_session
+from jaxcalib.diagnosis.stages.simulated import Simulated, simulate_null
+from jaxcalib.diagnosis.stages.tried import try_effects
+from jaxcalib.problem.engines import prepare_devices
+from jaxcalib.problem.problem import read_problem
+from jaxcalib.runs.progress import Progress
+from jaxcalib.runs.run_folder import RunFolder, identify
+from jaxcalib.runs.seeds import MOST_SEED
+from jaxcalib.runs.session import open_session
 
 
 def diagnose(
@@ -81,190 +50,26 @@ def diagnose(
         CaseError: the case or RUN are wrong; one line says what.
         AllRunsFailedError: a simulator failed.
     """
-    began = time.perf_counter()
+    began_s = time.perf_counter()
     if not 0 <= seed <= MOST_SEED or not 0.05 <= budget <= 100.0:
         raise ValueError(f"Expected a seed of 0 to {MOST_SEED} and a budget of 0.05 to 100; got {seed} and {budget}.")
     prepare_devices(len(os.sched_getaffinity(0)))
     problem = read_problem(case, as_stated=True)
     identity = identify(problem.case, {"command": "diagnose", "seed": seed, "budget": budget})
-    if out is None:
-        with (
-            tempfile.TemporaryDirectory(prefix="jaxcalib-") as folder,
-            open_run_folder(Path(folder) / "run", identity, False) as run_folder,
-        ):
-            return _diagnose(problem, seed, budget, run_folder, progress or Silent(), began)
-    with open_run_folder(Path(out), identity, resume) as run_folder:
-        return _diagnose(problem, seed, budget, run_folder, progress or Silent(), began)
+    with open_session(out, identity, seed=seed, progress=progress, resume=resume, began_s=began_s) as work:
+        return _diagnose(begin_session(problem, budget, work), work.folder)
 
 
-def _diagnose(
-    problem: CalibrationProblem, seed: int, budget: float, run_folder: RunFolder, progress: Progress, began: float
-) -> Diagnosis:
-    first_seed = seed * SEEDS_PER_CALIBRATION
-    plan = plan_diagnosis(budget)
-    calibration = plan_budget(problem, RECALIBRATION_SCALE * budget)
-    num_parameters = len(problem.layout.names)
-    num_trial_runs = (2 * num_parameters + 1) * plan.slope_runs + 2 * len(EFFECTS) * plan.effect_runs
-    progress.plan(
-        calibration.num_surrogate_runs + num_trial_runs,
-        calibration.confirmation_runs * calibration.confirmation_rounds
-        + sum(num_runs_for(problem, number) for number in (plan.null_drives, plan.default_drives))
-        + 2 * num_runs_for(problem, plan.check_drives)
-        + MOST_SUMO_POINTS * num_runs_for(problem, plan.refit_drives),
-    )
-    first_null_runs = num_runs_for(problem, plan.first_null_drives)
-    journal = run_folder.journal
-    stopwatch = Stopwatch(journal.clock)
-    stages = Stages(run_folder.path / "stages")
-
-    # What a short range hides must not bend the values: it is an effect of its own, to be found with the stated range.
-    seen = problem
-    if seen_perception(drives_to_fit(problem.drives), problem.case.perception) != problem.case.perception:
-        seen = read_problem(problem.case.folder)
-    with sumo_engine(seen) as pool:
-        engine = surrogate_engine(seen)
-        searched = search_values(
-            seen, Settings(), calibration, seed, engine, JournaledSumo(pool, journal), journal, progress, stopwatch
-        )
-    interval_s = fine_interval_s(problem)
-    is_fit = np.asarray([drive.role == "fit" for drive in problem.drives])
-    with stopwatch.time("baseline"):
-        tables = [drive_table(drive.frames(interval_s), interval_s) for drive in problem.drives]
-        making = BaselineMaker(
-            problem, plan, stages, first_seed, first_seed + TRIAL_SEED, tables, progress, _bounds(searched)
-        )
-        try:
-            converged = making.converged(searched.values)
-        except NotTestableError as error:
-            num_sumo = searched.confirmation.num_sumo_runs + first_null_runs
-            num_surrogate = searched.surrogate.num_runs + (2 * num_parameters + 1) * plan.first_slope_runs
-            wall_s = stopwatch.wall_s | {"total": journal.clock() - began}
-            counts = {"surrogate": num_surrogate, "sumo": num_sumo}
-            diagnosis = refuse(problem, searched.values, str(error), counts, wall_s)
-            run_folder.write_text("diagnosis.json", diagnosis.to_json())
-            return diagnosis
-    baseline = converged.baseline
-    values, features, in_sumo, runs = baseline.values, baseline.features, baseline.in_sumo, baseline.runs
-    runner, found, field, fitted = baseline.runner, baseline.found, baseline.field, baseline.fitted
-    key = repr(values.tolist())
-    with stopwatch.time("null"):
-        default = in_sumo.default()
-
-    progress.stage("atlas")
-    with stopwatch.time("atlas"):
-        everywhere = effect_trials(values, plan.effect_runs, {})
-        found |= stages.tallies(
-            f"effects {key}", lambda: runner.run([one.trial for one in everywhere], progress.surrogate_runs)
-        )
-
-    progress.stage("evidence")
-    with stopwatch.time("evidence"):
-        windows, num_places = windows_of_effects(fitted.difference, fitted.null, features.road)
-        local = [one for one in effect_trials(values, plan.local_runs, windows) if one.window is not None]
-        found |= stages.tallies(
-            f"local {key} {windows!r}", lambda: runner.run([one.trial for one in local], progress.surrogate_runs)
-        )
-        trials = [*everywhere, *local]
-        signatures = all_signatures(fitted, runs, trials, found)
-        contest = Contest(problem, values, fitted, runs, found, num_places)
-        explained = contest.explain(signatures)
-
-        if best_gain(explained) > LEAST_EVIDENCE:
-
-            def run_nearby(several: Sequence[EffectTrial]) -> Mapping[str, DriveTallies]:
-                """Return tallies of trials at other places, with the baseline's."""
-                made = [one.trial for one in several]
-                part = f"nearby {key} {[one.name for one in made]!r}"
-                found.update(stages.tallies(part, lambda: runner.run(made, progress.surrogate_runs)))
-                return found
-
-            lanes = sorted({int(lane) for lane in features.road.lane_from_left})
-            signatures = refine_places(
-                fitted.difference, fitted.null, explained, signatures, values, plan.local_runs, lanes, run_nearby
-            )
-            explained = contest.explain(signatures)
-
-    checks: tuple[Check, ...] = ()
-    if best_gain(explained) > LEAST_EVIDENCE:
-        progress.stage("check")
-        with stopwatch.time("check"):
-            checked = check_in_sumo(
-                fitted.null,
-                runs.plain,
-                signatures,
-                contest.explain,
-                lambda name: is_expressible(problem.scenario, name),
-                in_sumo.with_effect,
-            )
-            explained, signatures, checks = checked.explained, checked.signatures, checked.checks
-
-    with stopwatch.time("evidence"):
-        gain = best_gain(explained)
-        if gain > LEAST_EVIDENCE and is_fit.sum() > 1:
-            gain = min(gain, contest.least_gain(signatures))
-        held_out = None
-        if not is_fit.all():
-            with contextlib.suppress(NotTestableError):
-                held_out = prepare(problem, field.take(~is_fit), runs, found)
-        shift, few_drives = shift_in_errors(problem, values, fitted), int(is_fit.sum()) < FEW_DRIVES
-        aliased = aliased_effects(problem)
-        verdict = judge(explained, gain, len(fitted.null.cells), shift, few_drives, aliased)
-
-    refits: dict[str, Refit] = {}
-    if verdict.kind not in ("no_gap", "miscalibrated"):
-        progress.stage("refit")
-
-        def run_explained(several: Sequence[Trial]) -> Mapping[str, DriveTallies]:
-            """Return tallies of trials, with the baseline's; those made before are not made again."""
-            fresh = [one for one in several if one.name not in found]
-            part = f"explained {key} {[one.name for one in fresh]!r}"
-            found.update(stages.tallies(part, lambda: runner.run(fresh, progress.surrogate_runs)))
-            return found
-
-        with stopwatch.time("refit"):
-            recalibrator = Recalibrator(seen, searched, searched.values, calibration, seed, journal, progress)
-            maker = ExplainedRunner(
-                problem, values, in_sumo, fitted.null, recalibrator.values, run_explained, plan.effect_runs
-            )
-            found_steps = None  # those of the first that fits: the others need no search of their own
-            for rank, one in enumerate(contenders(explained, signatures)):
-                most_points = OTHERS_SUMO_POINTS if rank else MOST_SUMO_POINTS
-                refitted = refit(fitted, one, signatures[one.name], maker, most_points, found_steps)
-                if refitted is not None:
-                    refits[one.name] = refitted
-                    if found_steps is None and refitted.misfit <= most_misfit(len(fitted.null.cells)):
-                        found_steps = refitted.steps
-            explained = without_needless_unknown(with_refits(explained, refits), len(fitted.null.cells))
-            verdict = judge(explained, gain, len(fitted.null.cells), shift, few_drives, aliased)
-
-    num_surrogate = searched.surrogate.num_runs + sum(len(tallies) for tallies in found.values())
-    num_surrogate += converged.num_surrogate_runs
-    num_sumo = (
-        searched.confirmation.num_sumo_runs + runs.plain.num_runs + (converged.num_baselines - 1) * first_null_runs
-    )
-    num_sumo += 0 if default is None else default.num_runs
-    num_sumo += sum(one.num_runs for one in checks) + sum(one.num_sumo_runs for one in refits.values())
-    stopwatch.add("reading", 0.0)
-    findings = Findings(
-        problem=problem,
-        seed=seed,
-        values=values,
-        fitted=fitted,
-        held_out=held_out,
-        num_places=num_places,
-        null_runs=runs.plain,
-        default=default,
-        explained=explained,
-        verdict=verdict,
-        refit=refits.get(verdict.effects[0]) if verdict.effects else None,
-        signatures=signatures,
-        atlas=atlas_of(signatures, fitted.null, int(is_fit.sum()), num_places),
-        windows=windows,
-        checks=checks,
-        runs={"surrogate": num_surrogate, "sumo": num_sumo},
-        wall_s=stopwatch.wall_s | {"total": journal.clock() - began},
-    )
-    progress.stage("report")
+def _diagnose(session: DiagnosisSession, run_folder: RunFolder) -> Diagnosis:
+    calibrated = recalibrate(session)
+    try:
+        simulated = simulate_null(session, calibrated)
+    except NotTestableError as error:
+        diagnosis = refuse_drives(session, calibrated, error)
+        run_folder.write_text("diagnosis.json", diagnosis.to_json())
+        return diagnosis
+    findings = _investigate(session, calibrated, simulated)
+    session.progress.stage("report")
     diagnosis = conclude(findings)
     run_folder.write_text("diagnosis.json", diagnosis.to_json())
     from jaxcalib.diagnosis.answer.report import report_html
@@ -273,8 +78,10 @@ def _diagnose(
     return diagnosis
 
 
-def _bounds(searched: SearchedValues) -> tuple[np.ndarray, np.ndarray]:
-    """Return the driver parameters' ranges; inflows may turn out to lie beyond those that the search looked at."""
-    space = searched.initial.space
-    is_inflow = np.arange(len(space.lower)) < space.layout.num_inputs
-    return np.where(is_inflow, 0.0, space.lower), np.where(is_inflow, np.inf, space.upper)
+def _investigate(session: DiagnosisSession, calibrated: Calibrated, simulated: Simulated) -> Findings:
+    baseline, book = simulated.baseline, simulated.trial_book(session)
+    tried = try_effects(session, baseline, book)
+    checked = check_best(session, baseline, tried)
+    judged = judge_drives(session, baseline, tried.contest, checked)
+    refitted = refit_best(session, calibrated, baseline, book, checked, judged)
+    return gather_findings(session, calibrated, simulated, book, tried, checked, judged, refitted)

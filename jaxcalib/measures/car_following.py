@@ -6,11 +6,17 @@ headway is shorter than the longest in the settings; without a leader in range, 
 and its headway is censored, not short.
 """
 
+from itertools import pairwise
+
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from jaxcalib.measures.fold import Fold, by_index, indexed, sums_by_class, within
-from jaxcalib.measures.scene import Scene
+from jaxcalib.measures.measure import Deviation, LeftOut, Level, Measure, Moe, Percentile
+from jaxcalib.measures.measure_group import MeasureGroup
+from jaxcalib.measures.scene import MeasureSettings, Scene
+
+VEHICLE = Level.VEHICLE
 
 HEADWAY_BORDER_S = (0.0, 0.75, 1.0, 1.25, 1.5, 1.75, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0)
 SPEED_BORDER_MPS = (0.0, 8.0, 12.0, 16.0, 20.0, 24.0, 28.0)  # the last class is open
@@ -108,3 +114,84 @@ def _sums(scene: Scene, actor: str, is_actor: Array) -> dict[str, Array]:
     counted = {f"{actor}_{part}": jnp.sum(values) for part, values in parts.items()}
     in_bin = within(headway, jnp.asarray(HEADWAY_BORDER_S))
     return counted | by_index(f"{actor}_headway_bin", sums_by_class(in_bin, weight))
+
+
+def _measures(settings: MeasureSettings) -> list[Measure]:
+    del settings
+    return [*_of_actor("subject"), *_of_actor("background"), *_VEHICLE_MEANS, *_BY_SPEED]
+
+
+def _of_actor(actor: str) -> list[Measure]:
+    is_background = actor == "background"
+    frames, episodes = f"{actor}_following_frames", f"{actor}_following_episodes"
+    follows = LeftOut.FOLLOWS if is_background else None  # the mean over vehicles of their means is matched
+
+    def mean(name: str, description: str, tally: str, left_out: LeftOut | None, moe: Moe | None = None) -> Measure:
+        return Measure(
+            f"{actor}_{name}", description, VEHICLE, f"{actor}_{tally}", frames,
+            censored=f"{actor}_headways_censored", left_out=left_out, moe=moe,
+        )  # fmt: skip
+
+    return [
+        mean(
+            "time_headway_s", "time headway, front to front, mean over observations", "headway_s", follows,
+            None if is_background else Moe.SUBJECT_TIME_HEADWAY,
+        ),
+        mean("time_gap_s", "time gap, rear to front, mean over observations", "gap_s", follows),
+        mean("spacing_m", "spacing while following, front to front", "spacing_m", LeftOut.FOLLOWS),
+        mean("following_speed_mps", "speed while following", "following_speed", None),
+        Deviation(
+            f"{actor}_time_headway_deviation_s", "standard deviation of the time headway", VEHICLE,
+            f"{actor}_headway_s", frames, squares=f"{actor}_headway_squared",
+        ),
+        Measure(
+            f"{actor}_following_duration_s", "duration of car-following, as far as seen", VEHICLE,
+            f"{actor}_following_time_s", episodes,
+        ),
+        Measure(
+            f"{actor}_following_distance_m", "distance of car-following, as far as seen", VEHICLE,
+            f"{actor}_following_distance_m", episodes, left_out=follows,
+        ),
+        *(
+            Percentile(
+                f"{actor}_time_headway_p{share * 100:.0f}_s", f"{share:.0%} of time headways are shorter", VEHICLE,
+                f"{actor}_headway_bin", frames, borders=HEADWAY_BORDER_S, share=share,
+            )
+            for share in (0.15, 0.5, 0.85)
+        ),
+        *(
+            Measure(
+                f"{actor}_time_headway_share_{low:g}_{high:g}_s", f"share of time headways of {low:g} to {high:g} s",
+                VEHICLE, f"{actor}_headway_bin[{index}]", frames, left_out=LeftOut.BIN,
+            )
+            for index, (low, high) in enumerate(pairwise(HEADWAY_BORDER_S))
+        ),
+    ]  # fmt: skip
+
+
+_VEHICLE_MEANS = (
+    Measure(
+        "background_mean_time_headway_s", "time headway, mean over vehicles of their means (Eq. 25)", VEHICLE,
+        "follower_headway_s", "followers", moe=Moe.BACKGROUND_TIME_HEADWAY,
+    ),
+    Measure(
+        "background_mean_time_gap_s", "time gap, mean over vehicles of their means", VEHICLE,
+        "follower_gap_s", "followers",
+    ),
+    Measure(
+        "background_following_share", "share of time in which a vehicle seen follows another", VEHICLE,
+        "background_following_frames", "vehicle_frames",
+    ),
+)  # fmt: skip
+_BY_SPEED = tuple(
+    Measure(
+        f"background_time_gap_above_{low:g}_mps_s",
+        f"time gap while following faster than {low:g} m/s, up to the next class",
+        VEHICLE,
+        f"following_speed_bin_gap_s[{index}]",
+        f"following_speed_bin[{index}]",
+    )
+    for index, low in enumerate(SPEED_BORDER_MPS)
+)
+
+GROUP = MeasureGroup(_measures, lambda settings: [CarFollowing()])

@@ -1,10 +1,15 @@
-"""Cut-ins and overtaking as the subject vehicle meets them (Table 2, Eq. 32)."""
+"""Cut-ins as the subject vehicle meets them (Table 2, Eq. 32)."""
 
 import jax.numpy as jnp
 from jaxtyping import Array
 
 from jaxcalib.measures.fold import Fold
+from jaxcalib.measures.measure import Deviation, LeftOut, Level, Measure, Moe
+from jaxcalib.measures.measure_group import MeasureGroup
 from jaxcalib.measures.scene import Scene
+from sim_adapters.units import METRES_PER_KILOMETRE
+
+VEHICLE = Level.VEHICLE
 
 
 class CutIn(Fold):
@@ -43,35 +48,24 @@ class CutIn(Fold):
         }
 
 
-class Overtaking(Fold):
-    """Vehicles that pass the subject vehicle, and that it passes: their offset changes sign between two frames."""
+_MEASURES = (
+    Measure(
+        "cut_ins_per_drive", "cut-ins in front of the subject vehicle", VEHICLE, "cut_ins", "drives", moe=Moe.CUT_INS
+    ),
+    Measure(
+        "cut_ins_pkm", "cut-ins per km", VEHICLE, "cut_ins", "subject_distance_m", METRES_PER_KILOMETRE,
+        observations="cut_ins", left_out=LeftOut.FOLLOWS,
+    ),
+    Measure("cut_in_gap_m", "gap of a cut-in", VEHICLE, "cut_in_gap_m", "cut_ins"),
+    Deviation(
+        "cut_in_gap_deviation_m", "standard deviation of that gap", VEHICLE, "cut_in_gap_m", "cut_ins",
+        squares="cut_in_gap_squared",
+    ),
+    Measure(
+        "cut_in_speed_difference_mps", "subject vehicle's speed less that of the newcomer", VEHICLE,
+        "cut_in_speed_difference", "cut_ins",
+    ),
+    Measure("cut_outs_per_drive", "vehicles that leave the lane ahead", VEHICLE, "cut_outs", "drives"),
+)  # fmt: skip
 
-    def names(self) -> tuple[str, ...]:
-        """Return the names of the tallies."""
-        return (
-            "overtaken",
-            "overtaken_left",
-            "overtaken_speed_difference",
-            "overtakes",
-            "overtakes_speed_difference",
-            "overtaking_lateral",
-        )
-
-    def count(self, scene: Scene) -> dict[str, Array]:
-        """Return what a scene adds."""
-        frame = scene.frame
-        order = scene.settings.road.lateral_order.at[frame.object_row].get(mode="promise_in_bounds")
-        side = order - scene.at_subject(order)
-        observed = scene.is_background & scene.is_tracked
-        passes = observed & (scene.previous_offset_m < 0) & (frame.object_offset_m >= 0)
-        is_passed = observed & (scene.previous_offset_m >= 0) & (frame.object_offset_m < 0)
-        faster = frame.object_speed_mps - frame.subject_speed_mps
-        parts = {
-            "overtaken": passes,
-            "overtaken_left": passes & (side > 0),
-            "overtaken_speed_difference": jnp.where(passes, faster, 0.0),
-            "overtakes": is_passed,
-            "overtakes_speed_difference": jnp.where(is_passed, -faster, 0.0),
-            "overtaking_lateral": jnp.where(passes | is_passed, jnp.abs(side), 0.0),
-        }
-        return {name: jnp.sum(values.astype(jnp.float32)) for name, values in parts.items()}
+GROUP = MeasureGroup(lambda settings: _MEASURES, lambda settings: [CutIn()])

@@ -1,18 +1,12 @@
 """The one driver of all folds: from the frames of a drive to its vector of tallies."""
 
-from collections.abc import Sequence
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from jaxcalib.measures.car_following import CarFollowing
-from jaxcalib.measures.cut_in import CutIn, Overtaking
 from jaxcalib.measures.fold import Fold
-from jaxcalib.measures.lane_change import LaneChange
 from jaxcalib.measures.scene import MeasureSettings, Memory, look, nothing_remembered, remember
-from jaxcalib.measures.traffic_flow import SubjectTravel, TrafficFlow
 from surrogate.road.perception import PerceptionFrame
 from surrogate.xla.materialise import materialise
 
@@ -110,21 +104,3 @@ class DriveTally(eqx.Module):
             raise KeyError(f"a fold counts what it does not name: {sorted(unknown)}")
         zero = jnp.zeros((), jnp.float32)
         return jnp.stack([values.get(name, zero) for name in self.names]).astype(jnp.float32)
-
-
-def all_folds(settings: MeasureSettings) -> tuple[Fold, ...]:
-    """Return every fold of the library."""
-    num_sections, num_rows = settings.road.num_sections, settings.road.num_rows
-    return (
-        TrafficFlow(num_sections, num_rows),
-        SubjectTravel(num_sections),
-        CarFollowing(),
-        LaneChange(num_sections, settings.num_target_gap_classes),
-        CutIn(),
-        Overtaking(),
-    )
-
-
-def drive_tally(settings: MeasureSettings, folds: Sequence[Fold] | None = None) -> DriveTally:
-    """Return the driver of the given folds, or of all."""
-    return DriveTally(settings, tuple(folds) if folds is not None else all_folds(settings))

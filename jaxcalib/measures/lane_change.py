@@ -6,12 +6,19 @@ lane, and censored where one of the two is not within the sensor's range: then i
 Both kinds are counted by classes, from which a life table takes the mean.
 """
 
+from itertools import pairwise
+
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from jaxcalib.measures.fold import Fold, by_index, indexed, sums_by_class, within
-from jaxcalib.measures.scene import Scene
+from jaxcalib.measures.measure import Deviation, LeftOut, Level, Measure, Moe, Percentile, RestrictedMean
+from jaxcalib.measures.measure_group import MeasureGroup
+from jaxcalib.measures.scene import MeasureSettings, Scene
+from sim_adapters.units import METRES_PER_KILOMETRE
+
+VEHICLE = Level.VEHICLE
 
 TARGET_GAP_CLASS_M = 10.0  # of the life table
 TARGET_GAP_BORDER_M = (0.0, 20.0, 30.0, 40.0, 50.0, 65.0, 80.0, 100.0, 130.0, 170.0, 220.0, 300.0)
@@ -130,3 +137,93 @@ def _sums(scene: Scene, actor: str, changes: Array) -> dict[str, Array]:
     counted = {f"{actor}_{part}": jnp.sum(values.astype(jnp.float32)) for part, values in parts.items()}
     in_bin = within(gap, jnp.asarray(TARGET_GAP_BORDER_M))
     return counted | by_index(f"{actor}_target_gap_bin", sums_by_class(in_bin, known.astype(jnp.float32)))
+
+
+def _folds(settings: MeasureSettings) -> list[Fold]:
+    return [LaneChange(settings.road.num_sections, settings.num_target_gap_classes)]
+
+
+def _measures(settings: MeasureSettings) -> list[Measure]:
+    restricted = [
+        _restricted_target_gap(actor, moe, settings.num_target_gap_classes)
+        for actor, moe in (
+            ("subject", Moe.SUBJECT_LANE_CHANGE_DISTANCE),
+            ("background", Moe.BACKGROUND_LANE_CHANGE_DISTANCE),
+        )
+    ]
+    return [*_of_actor("subject"), *_of_actor("background"), _VEHICLE_MEAN, *restricted]
+
+
+def _of_actor(actor: str) -> list[Measure]:
+    is_background = actor == "background"
+    count, gaps, durations = f"{actor}_lane_changes", f"{actor}_target_gaps", f"{actor}_lane_change_durations"
+    return [
+        Measure(
+            f"{actor}_lane_changes_pkm", "lane changes per km driven", VEHICLE,
+            count, "tracked_distance_m" if is_background else "subject_distance_m", METRES_PER_KILOMETRE, count,
+            left_out=LeftOut.FOLLOWS if is_background else None,  # from those by section
+        ),
+        Measure(
+            f"{actor}_lane_changes_per_drive", "lane changes seen in a drive", VEHICLE, count, "drives",
+            left_out=LeftOut.FOLLOWS,
+        ),
+        Measure(f"{actor}_left_share", "share of lane changes to the left", VEHICLE, f"{count}_left", count),
+        Measure(
+            f"{actor}_target_gap_m",
+            "lane-changing distance: rear of new leader to front of new follower, mean over those seen in full",
+            VEHICLE, f"{actor}_target_gap_m", gaps, censored=f"{actor}_target_gaps_censored",
+            printed_moe=None if is_background else Moe.SUBJECT_LANE_CHANGE_DISTANCE,
+        ),
+        Deviation(
+            f"{actor}_target_gap_deviation_m", "standard deviation of the lane-changing distance", VEHICLE,
+            f"{actor}_target_gap_m", gaps, squares=f"{actor}_target_gap_squared",
+        ),
+        Measure(f"{actor}_lead_gap_m", "gap to the new leader", VEHICLE, f"{actor}_lead_gap_m", f"{actor}_lead_gaps"),
+        Measure(f"{actor}_lag_gap_m", "gap to the new follower", VEHICLE, f"{actor}_lag_gap_m", f"{actor}_lag_gaps"),
+        Measure(
+            f"{actor}_lane_change_duration_s", "duration of a lane change", VEHICLE,
+            f"{actor}_lane_change_duration_s", durations, left_out=LeftOut.SINGLE_STEPS,
+        ),
+        Percentile(
+            f"{actor}_target_gap_median_m", "median lane-changing distance", VEHICLE, f"{actor}_target_gap_bin", gaps,
+            borders=TARGET_GAP_BORDER_M,
+        ),
+        *(
+            Measure(
+                f"{actor}_target_gap_share_{low:g}_{high:g}_m",
+                f"share of lane-changing distances of {low:g} to {high:g} m",
+                VEHICLE, f"{actor}_target_gap_bin[{index}]", gaps, left_out=LeftOut.BIN,
+            )
+            for index, (low, high) in enumerate(pairwise(TARGET_GAP_BORDER_M))
+        ),
+    ]  # fmt: skip
+
+
+_VEHICLE_MEAN = Measure(
+    "background_mean_target_gap_m",
+    "lane-changing distance seen in full, mean over vehicles of their means (Eq. 29)",
+    VEHICLE,
+    "lane_changer_target_gap_m",
+    "lane_changers",
+    censored="background_target_gaps_censored",
+    printed_moe=Moe.BACKGROUND_LANE_CHANGE_DISTANCE,
+)
+
+
+def _restricted_target_gap(actor: str, moe: Moe, num_classes: int) -> Measure:
+    limit_m = num_classes * TARGET_GAP_CLASS_M
+    return RestrictedMean(
+        f"{actor}_restricted_target_gap_m",
+        f"lane-changing distance, each counted up to {limit_m:g} m, censored ones as far as seen",
+        VEHICLE,
+        f"{actor}_target_gap_class",
+        f"{actor}_lane_changes",
+        censored=f"{actor}_target_gaps_censored",
+        moe=moe,
+        censored_classes=f"{actor}_target_gap_class_censored",
+        num_classes=num_classes,
+        class_width=TARGET_GAP_CLASS_M,
+    )
+
+
+GROUP = MeasureGroup(_measures, _folds)

@@ -3,6 +3,7 @@
 import enum
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -12,6 +13,37 @@ class Level(enum.Enum):
 
     VEHICLE = "vehicle"
     TRAFFIC = "traffic"
+
+
+class Moe(enum.Enum):
+    """Measures of effectiveness: whose errors a simulation is judged by, by their names in results."""
+
+    SUBJECT_TIME_HEADWAY = "subject_time_headway"  # Eq. 24
+    BACKGROUND_TIME_HEADWAY = "background_time_headway"  # Eqs. 25-27
+    SUBJECT_LANE_CHANGE_DISTANCE = "subject_lane_change_distance"  # Eq. 28
+    BACKGROUND_LANE_CHANGE_DISTANCE = "background_lane_change_distance"  # Eqs. 29-31
+    CUT_INS = "cut_ins"  # Eq. 32
+    TRAFFIC_SPEED = "traffic_speed"  # Eq. 33
+    TRAFFIC_DENSITY = "traffic_density"  # Eq. 34
+    TRAFFIC_VOLUME = "traffic_volume"  # Eq. 35
+    TRAFFIC_DYNAMICS = "traffic_dynamics"  # Eq. 36
+
+    @property
+    def level(self) -> Level:
+        """Vehicle for the terms of Eq. 23."""
+        is_flow = self in (Moe.TRAFFIC_SPEED, Moe.TRAFFIC_DENSITY, Moe.TRAFFIC_VOLUME, Moe.TRAFFIC_DYNAMICS)
+        return Level.TRAFFIC if is_flow else Level.VEHICLE
+
+
+class LeftOut(enum.Enum):
+    """Why the default objective does not match a quotient."""
+
+    FOLLOWS = "it follows from others, or repeats them in another unit"
+    # far from normal where it is rare, and the mean of the distribution is matched already
+    BIN = "it is a bin of a distribution"
+    # surrogate and SUMO share their equations of motion but not every single acceleration: SUMO averages some limit
+    # cycles of one step only in what vehicles do, not in how they accelerate
+    SINGLE_STEPS = "it depends on single steps"
 
 
 @dataclass(frozen=True)
@@ -49,7 +81,12 @@ class Measure:
         scale: factor from SI to the unit of the name.
         observations: tally that counts the observations; the denominator unless given.
         censored: tally that counts what was left out; none if empty.
+        left_out: why the default objective does not match it; None if it does.
+        moe: the measure of effectiveness that it gives.
+        printed_moe: the one that it gives in the objective as printed, where `moe` is given by what is no quotient.
     """
+
+    is_quotient: ClassVar[bool] = True
 
     name: str
     description: str
@@ -59,13 +96,26 @@ class Measure:
     scale: float = 1.0
     observations: str = ""
     censored: str = ""
+    left_out: LeftOut | None = None
+    moe: Moe | None = None
+    printed_moe: Moe | None = None
+
+    @property
+    def is_matched(self) -> bool:
+        """Whether it is a moment of the default objective."""
+        return self.is_quotient and self.left_out is None
+
+    @property
+    def is_rate(self) -> bool:
+        """Whether it counts events over an exposure, of which the events are the observations."""
+        return self.observations == self.numerator
 
     def tallies(self) -> tuple[str, ...]:
-        """Return the tallies it needs."""
+        """The tallies that it needs."""
         return tuple(filter(None, (self.numerator, self.denominator, self.observations, self.censored)))
 
     def value(self, tally: Mapping[str, float]) -> MeasureValue:
-        """Return the value for pooled tallies."""
+        """The value for pooled tallies."""
         observations = tally[self.observations or self.denominator]
         censored = tally[self.censored] if self.censored else float("nan")
         if not tally[self.denominator] > 0:
@@ -78,14 +128,15 @@ class Measure:
 class Deviation(Measure):
     """Standard deviation from count (denominator), sum (numerator) and sum of squares."""
 
+    is_quotient = False
     squares: str = ""
 
     def tallies(self) -> tuple[str, ...]:
-        """Return the tallies it needs."""
+        """The tallies that it needs."""
         return (*super().tallies(), self.squares)
 
     def value(self, tally: Mapping[str, float]) -> MeasureValue:
-        """Return the value for pooled tallies."""
+        """The value for pooled tallies."""
         count = tally[self.denominator]
         if not count > 1:
             return MeasureValue(float("nan"), count, reason="fewer than two observations")
@@ -101,16 +152,17 @@ class Percentile(Measure):
     The denominator counts all observations; those above the last border count as being there.
     """
 
+    is_quotient = False
     borders: tuple[float, ...] = ()
     share: float = 0.5
 
     def tallies(self) -> tuple[str, ...]:
-        """Return the tallies it needs."""
+        """The tallies that it needs."""
         bins = tuple(f"{self.numerator}[{index}]" for index in range(len(self.borders) - 1))
         return (*bins, self.denominator)
 
     def value(self, tally: Mapping[str, float]) -> MeasureValue:
-        """Return the value for pooled tallies."""
+        """The value for pooled tallies."""
         counts = [tally[f"{self.numerator}[{index}]"] for index in range(len(self.borders) - 1)]
         total = tally[self.denominator]
         if not total > 0:
@@ -148,18 +200,19 @@ class RestrictedMean(Measure):
         within a class. Where nothing is left at risk, it stays as it is (Gill 1980).
     """
 
+    is_quotient = False
     censored_classes: str = ""
     num_classes: int = 1
     class_width: float = 1.0
 
     def tallies(self) -> tuple[str, ...]:
-        """Return the tallies it needs."""
+        """The tallies that it needs."""
         classes = range(self.num_classes)
         ended = tuple(f"{self.numerator}[{index}]" for index in classes)
         return (*ended, *(f"{self.censored_classes}[{index}]" for index in classes), self.denominator, self.censored)
 
     def value(self, tally: Mapping[str, float]) -> MeasureValue:
-        """Return the value for pooled tallies."""
+        """The value for pooled tallies."""
         total, num_censored = tally[self.denominator], tally[self.censored]
         if not total > 0:
             return MeasureValue(float("nan"), total, num_censored, "never observed")

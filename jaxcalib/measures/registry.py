@@ -1,14 +1,38 @@
-"""Every measure of the library, by name (Tables 2 and 3)."""
+"""Every measure of the library (Tables 2 and 3), and every fold that counts for them."""
 
-from jaxcalib.measures.following_measures import following_measures
-from jaxcalib.measures.lane_change_measures import lane_change_measures
-from jaxcalib.measures.measure import Measure
+import jax.numpy as jnp
+
+from jaxcalib.measures import car_following, cut_in, lane_change, overtaking, traffic_flow
+from jaxcalib.measures.fold import Fold
+from jaxcalib.measures.measure import Measure, Moe
+from jaxcalib.measures.measure_group import MeasureGroup
+from jaxcalib.measures.observed_road import ObservedRoad
 from jaxcalib.measures.scene import MeasureSettings
-from jaxcalib.measures.traffic_measures import traffic_measures
+
+# in this order in results, in the objective and in the vector of tallies
+GROUPS: tuple[MeasureGroup, ...] = (
+    traffic_flow.GROUP,
+    car_following.GROUP,
+    lane_change.GROUP,
+    cut_in.GROUP,
+    overtaking.GROUP,
+)
 
 
 def all_measures(settings: MeasureSettings) -> dict[str, Measure]:
-    """Return the measures for a road and a sensor, by name."""
-    lane_changes = lane_change_measures(settings.num_target_gap_classes)
-    measures = [*traffic_measures(settings.road), *following_measures(), *lane_changes]
-    return {measure.name: measure for measure in measures}
+    """The measures for a road and a sensor, by name."""
+    return {measure.name: measure for group in GROUPS for measure in group.measures(settings)}
+
+
+def all_folds(settings: MeasureSettings) -> tuple[Fold, ...]:
+    """What is counted for them."""
+    return tuple(fold for group in GROUPS for fold in group.folds(settings))
+
+
+def judged_measures() -> tuple[str, ...]:
+    """Names of the measures that give the MoEs, in the order of these; the same on every road."""
+    none, zero = jnp.zeros(0), jnp.zeros(())
+    road = ObservedRoad(section_border_m=jnp.zeros(1), knot_m=none, lane_m=none, lateral_order=none)
+    measures = all_measures(MeasureSettings(road, zero, zero, zero, num_tracks=1, num_target_gap_classes=1))
+    by_moe = {measure.moe: name for name, measure in measures.items()}
+    return tuple(by_moe[moe] for moe in Moe)

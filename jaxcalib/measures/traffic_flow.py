@@ -10,7 +10,13 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from jaxcalib.measures.fold import Fold, by_index, indexed, sums_by_class, within
-from jaxcalib.measures.scene import Scene
+from jaxcalib.measures.measure import Deviation, LeftOut, Level, Measure, Moe
+from jaxcalib.measures.measure_group import MeasureGroup
+from jaxcalib.measures.observed_road import ObservedRoad
+from jaxcalib.measures.scene import MeasureSettings, Scene
+from sim_adapters.units import METRES_PER_KILOMETRE, SECONDS_PER_HOUR
+
+VEHICLE, TRAFFIC = Level.VEHICLE, Level.TRAFFIC
 
 
 class TrafficFlow(Fold):
@@ -123,3 +129,106 @@ class SubjectTravel(Fold):
             **by_index("subject_section_frames", section),
             **by_index("subject_section_speed", section * frame.subject_speed_mps),
         }
+
+
+def _folds(settings: MeasureSettings) -> list[Fold]:
+    num_sections, num_rows = settings.road.num_sections, settings.road.num_rows
+    return [TrafficFlow(num_sections, num_rows), SubjectTravel(num_sections)]
+
+
+def _measures(settings: MeasureSettings) -> list[Measure]:
+    road = settings.road
+    sections = [measure for index in range(road.num_sections) for measure in _of_section(road, index)]
+    return [*_FLOW, *_SPEEDS, *sections, *(measure for row in range(road.num_rows) for measure in _of_row(row))]
+
+
+_FLOW = (
+    Measure(
+        "traffic_speed_mps", "mean speed of all vehicles seen", TRAFFIC, "vehicle_speed", "vehicle_frames",
+        left_out=LeftOut.FOLLOWS, moe=Moe.TRAFFIC_SPEED,
+    ),
+    Measure(
+        "traffic_density_vehpkm", "vehicles per kilometre of lane", TRAFFIC, "vehicle_frames", "lane_m_frames",
+        METRES_PER_KILOMETRE, observations="vehicle_frames", left_out=LeftOut.FOLLOWS, moe=Moe.TRAFFIC_DENSITY,
+    ),
+    Measure(
+        "traffic_volume_vehph", "vehicles per hour and lane (Edie)", TRAFFIC, "vehicle_speed", "lane_m_frames",
+        SECONDS_PER_HOUR, observations="vehicle_frames", left_out=LeftOut.FOLLOWS, moe=Moe.TRAFFIC_VOLUME,
+    ),
+    Deviation(
+        "traffic_speed_deviation_mps", "standard deviation of speed over vehicles and time", TRAFFIC,
+        "vehicle_speed", "vehicle_frames", squares="vehicle_speed_squared",
+    ),
+    Measure(
+        "subject_speed_mps", "subject vehicle's distance / travel time", TRAFFIC,
+        "subject_distance_m", "subject_time_s", observations="drives", moe=Moe.TRAFFIC_DYNAMICS,
+    ),
+    Measure(
+        "subject_travel_time_s", "travel time of a drive", TRAFFIC, "subject_time_s", "drives",
+        left_out=LeftOut.FOLLOWS,
+    ),
+)  # fmt: skip
+_SPEEDS = (
+    Measure(
+        "free_speed_mps", "speed of vehicles with no leader near, mean over vehicles", VEHICLE,
+        "free_speed", "free_vehicles",
+    ),
+    Deviation(
+        "free_speed_deviation_mps", "standard deviation of free speed between vehicles", VEHICLE,
+        "free_speed", "free_vehicles", squares="free_speed_squared",
+    ),
+    Measure(
+        "speed_oscillation_m2ps2", "variance of a vehicle's speed while seen, mean over vehicles", VEHICLE,
+        "speed_variance", "observed_vehicles",
+    ),
+    Measure(
+        "acceleration_square_m2ps4", "mean square acceleration of background vehicles", VEHICLE,
+        "acceleration_squared", "acceleration_frames", left_out=LeftOut.SINGLE_STEPS,
+    ),
+    Measure(
+        "subject_acceleration_square_m2ps4", "mean square acceleration of the subject vehicle", VEHICLE,
+        "subject_acceleration_squared", "subject_frames", left_out=LeftOut.SINGLE_STEPS,
+    ),
+)  # fmt: skip
+
+
+def _of_section(road: ObservedRoad, index: int) -> list[Measure]:
+    low, high = float(road.section_border_m[index]), float(road.section_border_m[index + 1])
+    name, where = f"section_{index}", f"from {low:.0f} to {high:.0f} m"
+    vehicles, speeds, lane_m = (f"section_{tally}[{index}]" for tally in ("frames", "speed", "lane_m"))
+    return [
+        Measure(
+            f"{name}_density_vehpkm", f"density {where}", TRAFFIC, vehicles, lane_m, METRES_PER_KILOMETRE,
+            observations=vehicles,
+        ),
+        Measure(f"{name}_speed_mps", f"speed {where}", TRAFFIC, speeds, vehicles),
+        Measure(
+            f"{name}_volume_vehph", f"volume {where}", TRAFFIC, speeds, lane_m, SECONDS_PER_HOUR,
+            observations=vehicles, left_out=LeftOut.FOLLOWS,
+        ),
+        Measure(
+            f"{name}_subject_speed_mps", f"subject vehicle's speed {where}", TRAFFIC,
+            f"subject_section_speed[{index}]", f"subject_section_frames[{index}]", left_out=LeftOut.FOLLOWS,
+        ),
+        *(
+            Measure(
+                f"{name}_lane_changes_{side}_pkm", f"lane changes to the {side} {where}", VEHICLE,
+                f"section_{side}[{index}]", f"section_distance_m[{index}]", METRES_PER_KILOMETRE,
+                observations=f"section_{side}[{index}]",
+            )
+            for side in ("left", "right")
+        ),
+    ]  # fmt: skip
+
+
+def _of_row(row: int) -> list[Measure]:
+    return [
+        Measure(
+            f"row_{row}_share", "share of vehicles in this row", TRAFFIC, f"row_frames[{row}]", "vehicle_frames",
+            left_out=LeftOut.FOLLOWS if row == 0 else None,  # shares add up to 1
+        ),
+        Measure(f"row_{row}_speed_mps", "speed in this row", TRAFFIC, f"row_speed[{row}]", f"row_frames[{row}]"),
+    ]  # fmt: skip
+
+
+GROUP = MeasureGroup(_measures, _folds)

@@ -18,9 +18,9 @@ from jaxtyping import Float
 from scipy.stats.qmc import Sobol
 
 from jaxcalib.pair_fitting.batch import Bounds, Misfit, bounds_of, misfit, misfit_and_slopes, pair_batch, single
-from jaxcalib.pair_fitting.descent import DAMPING_FACTORS, Descent, begin, descend
 from jaxcalib.pair_fitting.recorded_pairs import RecordedPair
 from jaxcalib.pair_fitting.stretches import stretches_of
+from jaxcalib.search.least_squares.levenberg_marquardt import DAMPING_FACTORS, Descent, begin, descend
 from surrogate.vehicle.model_entry import ModelEntry
 
 NUM_SCREENED = 128  # points of the unit cube for each pair
@@ -137,19 +137,19 @@ class _Search:
 
         return evaluate
 
-    def begin(self, lanes: np.ndarray, start: Float[np.ndarray, "parameter lane"]) -> Descent:
+    def begin(self, lanes: np.ndarray, start: Float[np.ndarray, "parameter lane"]) -> Descent[Misfit]:
         """Return where the first steps lead from points; `lanes` are the pairs."""
 
-        def of_tile(tile: np.ndarray) -> Descent:
+        def of_tile(tile: np.ndarray) -> Descent[Misfit]:
             evaluate = self.evaluator(lanes[tile])
             return descend(evaluate, begin(start[:, tile], evaluate(start[:, tile])), FIRST_STEPS)
 
         return self._over_tiles(of_tile, lanes)
 
-    def end(self, lanes: np.ndarray, start: Descent, on_lanes: Callable[[int], None]) -> Descent:
+    def end(self, lanes: np.ndarray, start: Descent[Misfit], on_lanes: Callable[[int], None]) -> Descent[Misfit]:
         """Return where the last steps lead from where a descent stands."""
 
-        def of_tile(tile: np.ndarray) -> Descent:
+        def of_tile(tile: np.ndarray) -> Descent[Misfit]:
             if len(DAMPING_FACTORS) * len(tile) > LANES:
                 return descend(self.evaluator(lanes[tile]), start.take(tile), LAST_STEPS)
             number = len(DAMPING_FACTORS)  # spare lanes cost nothing
@@ -160,10 +160,10 @@ class _Search:
 
     def _over_tiles(
         self,
-        of_tile: Callable[[np.ndarray], Descent],
+        of_tile: Callable[[np.ndarray], Descent[Misfit]],
         lanes: np.ndarray,
         on_lanes: Callable[[int], None] = lambda number: None,
-    ) -> Descent:
+    ) -> Descent[Misfit]:
         tiles = self._tiles(lanes, LANES)
         found = []
         for tile, one in zip(tiles, self.threads.map(of_tile, tiles), strict=True):

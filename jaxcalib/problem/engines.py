@@ -11,7 +11,7 @@ from sim_adapters.sumo.distant import DistantTypes
 from sim_adapters.sumo.driver import subject_control
 from sim_adapters.sumo.simulator import FrameFold, SensorRange, SumoSimulator, VehicleCounter
 from sim_adapters.units import METRES_PER_KILOMETRE
-from surrogate.loop.course import RunPlan
+from surrogate.loop.run_state import Observer, RunPlan
 from surrogate.loop.world import Clock
 from surrogate.road.perception import Sensor
 
@@ -36,6 +36,7 @@ def surrogate_engine(
     spare_capacity: float = SPARE_CAPACITY,
     most_overfull_share: float = 0.75,
     runs_per_device: int | None = None,
+    observer: Observer | None = None,
 ) -> JaxSimulator:
     """Return the surrogate for a problem.
 
@@ -45,11 +46,12 @@ def surrogate_engine(
         most_overfull_share: see `JaxSimulator`; a search can do without candidates that are much denser than the field,
             0 is for studies that need every run.
         runs_per_device: size of a device's part of a batch; from the room unless given.
+        observer: fold over the frames of each run; that of the problem's measures unless given.
     """
     scenario, perception = problem.parts.scenario, problem.case.perception
     return JaxSimulator(
         template=problem.template,
-        observer=problem.tally,
+        observer=observer or problem.tally,
         sensor=Sensor(
             jnp.asarray(perception.ahead_m, jnp.float32), jnp.asarray(perception.behind_m, jnp.float32), OBJECTS_PER_ROW
         ),

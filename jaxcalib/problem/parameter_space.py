@@ -1,8 +1,7 @@
 """Names, bounds and scales of what is calibrated; the unit cube in which searches work, and physical values.
 
-Ranges of driver parameters follow the ranges that calibration studies used, widened to what SUMO accepts and drivers
-do: Kesting & Treiber (2008), Transp. Res. Rec. 2088 for the IDM; the bounds of PTV's and pvctools' calibrations for
-Wiedemann 99; the documentation of SUMO's LC2013 for lane changing. Ranges of inputs are those of Eqs. 4-6.
+Bounds of driver parameters are those for traffic in the rows of the models (`surrogate.vehicle.model_entry.Parameter`),
+in SUMO's names (`sim_adapters.scenario.sumo_names`). Ranges of inputs are those of Eqs. 4-6.
 """
 
 from collections.abc import Mapping, Sequence
@@ -12,6 +11,8 @@ import numpy as np
 
 from jaxcalib.errors import CaseError, quote
 from sim_adapters.interface import ParameterLayout
+from sim_adapters.scenario.sumo_names import SUMO_MODELS, attributes_of, following_attributes, parameter_of
+from surrogate.vehicle.model_entry import Parameter
 
 SIGNIFICANT_DIGITS = 6  # values are rounded to them before any run, so that files, results and runs agree
 
@@ -33,51 +34,42 @@ class Range:
     unit: str = ""
 
 
-_IDM = {
-    "tau": Range(0.4, 3.0, True, "s"),
-    "minGap": Range(0.5, 6.0, True, "m"),
-    "accel": Range(0.3, 5.0, True, "m/s2"),
-    "decel": Range(0.5, 8.0, True, "m/s2"),
-}
-_W99 = {
-    "minGap": Range(0.5, 5.0, True, "m"),
-    "cc1": Range(0.4, 3.0, True, "s"),
-    "cc2": Range(1.0, 15.0, True, "m"),
-    "cc3": Range(-20.0, -3.0, False, "s"),
-    "cc4": Range(-2.0, -0.02, False, "m/s"),
-    "cc5": Range(0.02, 2.0, False, "m/s"),
-    "cc6": Range(0.0, 20.0, False, "1e-4/(m s)"),
-    "cc7": Range(0.02, 1.2, True, "m/s2"),
-    "cc8": Range(0.5, 5.0, True, "m/s2"),
-    "cc9": Range(0.1, 4.0, True, "m/s2"),
-    "decel": Range(1.0, 9.0, True, "m/s2"),
-}
-_COMMON = {
-    "speedFactor": Range(0.6, 1.4),
-    "speedDev": Range(0.01, 0.3),
-    "lcStrategic": Range(0.1, 10.0, True),
-    "lcCooperative": Range(0.0, 1.0),
-    "lcCooperativeSpeed": Range(0.0, 1.0),
-    "lcSpeedGain": Range(0.1, 10.0, True),
-    "lcSpeedGainRight": Range(0.02, 2.0, True),
-    "lcSpeedGainRemainTime": Range(2.0, 60.0, True, "s"),
-    "lcKeepRight": Range(0.0, 5.0),
-    "lcAssertive": Range(0.4, 4.0, True),
-    "lcLookaheadLeft": Range(0.5, 5.0, True),
-}
-RANGES: dict[str, dict[str, Range]] = {
-    "IDM": _IDM | {"delta": Range(1.0, 8.0)} | _COMMON,
-    "Krauss": _IDM | {"sigma": Range(0.0, 1.0)} | _COMMON,
-    "W99": _W99 | _COMMON,
-}
+_ALL_MODELS = ("speedFactor", "speedDev", "lcStrategic", "lcSpeedGain", "lcAssertive", "lcCooperative",
+               "lcCooperativeSpeed", "lcKeepRight")  # fmt: skip
+# What is calibrated where the case names nothing: a choice, and an order on which random designs depend.
 DEFAULT_PARAMETERS: dict[str, tuple[str, ...]] = {
-    "IDM": (*_IDM, "speedFactor", "speedDev", "lcStrategic", "lcSpeedGain", "lcAssertive", "lcCooperative",
-            "lcCooperativeSpeed", "lcKeepRight"),
-    "Krauss": (*_IDM, "sigma", "speedFactor", "speedDev", "lcStrategic", "lcSpeedGain", "lcAssertive",
-               "lcCooperative", "lcCooperativeSpeed", "lcKeepRight"),
-    "W99": (*_W99, "speedFactor", "speedDev", "lcAssertive", "lcSpeedGain", "lcSpeedGainRight", "lcCooperative",
-            "lcCooperativeSpeed", "lcStrategic", "lcKeepRight"),
+    "IDM": ("tau", "minGap", "accel", "decel", *_ALL_MODELS),
+    "Krauss": ("tau", "minGap", "accel", "decel", "sigma", *_ALL_MODELS),
+    "W99": ("minGap", "cc1", "cc2", "cc3", "cc4", "cc5", "cc6", "cc7", "cc8", "cc9", "decel", "speedFactor", "speedDev",
+            "lcAssertive", "lcSpeedGain", "lcSpeedGainRight", "lcCooperative", "lcCooperativeSpeed", "lcStrategic",
+            "lcKeepRight"),
 }  # fmt: skip
+
+
+def ranges_of(model: str) -> dict[str, Range]:
+    """Return the bounds of all driver parameters of a car-following model, in SUMO's names and units."""
+    ranges = {}
+    for name, attribute in attributes_of(model).items():
+        row = parameter_of(model, attribute)
+        if row is not None:
+            lower, upper = sorted(bound / attribute.factor for bound in row.traffic_range)
+            ranges[name] = Range(lower, upper, row.is_logarithmic, attribute.own_unit or row.unit)
+    return ranges
+
+
+def default_parameters(model: str) -> tuple[str, ...]:
+    """Return the driver parameters that are calibrated where the case names none; of a new model all that follow."""
+    return DEFAULT_PARAMETERS.get(model, (*following_attributes(model), *_ALL_MODELS))
+
+
+def slope_share(attribute: str) -> float:
+    """Return the share of an attribute's value by which slopes are taken."""
+    for model in SUMO_MODELS:
+        known = attributes_of(model).get(attribute)
+        row = None if known is None else parameter_of(model, known)
+        if row is not None:
+            return row.step
+    return Parameter.step
 
 
 @dataclass(frozen=True)
@@ -162,10 +154,11 @@ def behaviour_parameters(file: str, model: str, chosen: Sequence[str] | None) ->
         CaseError: a name is not known, or there for the second time.
     """
     if chosen is None:
-        return DEFAULT_PARAMETERS[model]
+        return default_parameters(model)
+    ranges = ranges_of(model)
     for name in chosen:
-        if name not in RANGES[model]:
-            known = ", ".join(RANGES[model])
+        if name not in ranges:
+            known = ", ".join(ranges)
             raise CaseError(file, "behaviour.parameters", f"expected some of {known}; got {quote(name)}.")
     if len(set(chosen)) < len(chosen):
         raise CaseError(file, "behaviour.parameters", "expected each name once.")
@@ -197,7 +190,8 @@ def parameter_space(
     ranges = [
         Range(low, high, unit="veh/h") for low, high in zip(least, (1.0 + scaling_factor) * input_vehph, strict=True)
     ]
-    ranges += [RANGES[model][name] for name in layout.attributes]
+    of_model = ranges_of(model)
+    ranges += [of_model[name] for name in layout.attributes]
     space = ParameterSpace(layout, tuple(ranges))
     for name, (lower, upper) in bounds.items():
         if name not in space.names:

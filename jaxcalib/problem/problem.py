@@ -14,14 +14,14 @@ from jaxcalib.case.case_file import FILE_NAME
 from jaxcalib.errors import CaseError, quote
 from jaxcalib.field.field_log import DriveLog, read_drives
 from jaxcalib.field.seen_range import range_warnings, seen_perception
-from jaxcalib.measures.drive_tally import DriveTally, drive_tally
+from jaxcalib.measures.drive_tally import DriveTally
 from jaxcalib.measures.lane_change import num_target_gap_classes
 from jaxcalib.measures.measure import Measure
 from jaxcalib.measures.observed_road import ObservedRoad, observe_road
-from jaxcalib.measures.registry import all_measures
+from jaxcalib.measures.registry import all_folds, all_measures
 from jaxcalib.measures.scene import MeasureSettings
 from jaxcalib.measures.whole_drive import WholeDriveFold
-from jaxcalib.problem.parameter_space import RANGES, behaviour_parameters
+from jaxcalib.problem.parameter_space import behaviour_parameters
 from jaxcalib.problem.problem_checks import (
     check_clock,
     check_drives,
@@ -33,6 +33,7 @@ from jaxcalib.problem.problem_checks import (
 from sim_adapters.errors import ScenarioError
 from sim_adapters.interface import ParameterLayout
 from sim_adapters.scenario.scenario import Scenario, read_scenario
+from sim_adapters.scenario.sumo_names import NEAREST_MODEL, SUMO_MODELS, nearest_model
 from sim_adapters.sumo.loading import load_in_sumo
 from sim_adapters.world.logged_drive import LoggedDrive, resample
 from sim_adapters.world.world_builder import WorldTemplate, build_template
@@ -100,8 +101,8 @@ class CalibrationProblem:
 
     @property
     def model(self) -> str:
-        """Car-following model of the background vehicles."""
-        return self.parts.behaviour.car_following
+        """Car-following model of the background vehicles, or the nearest one that the surrogate has."""
+        return nearest_model(self.parts.behaviour.car_following)
 
     def departs_s(self, role: Role) -> tuple[float, ...]:
         """Return when the subject vehicle departs in each drive of a role."""
@@ -166,7 +167,8 @@ def read_problem(folder: Path | str, *, as_stated: bool = False) -> CalibrationP
         raise CaseError(error.file, "", error.message) from None
     if parts.subject.model.name == REPLAY:
         template = dataclasses.replace(template, logged_drives=_logged_drives(case, drives, parts, interval_s))
-    tally = drive_tally(_measure_settings(case, observe_road(scenario), drives))
+    settings = _measure_settings(case, observe_road(scenario), drives)
+    tally = DriveTally(settings, all_folds(settings))
     check_inflows(template)
     longest_s = max(parts.scenario.duration_s - drive.depart_s for drive in case.drives)
     num_frames = FRAMES_STEP * int(np.ceil((longest_s / interval_s + 2) / FRAMES_STEP))
@@ -184,7 +186,7 @@ def read_problem(folder: Path | str, *, as_stated: bool = False) -> CalibrationP
         template=template,
         tally=tally,
         fold=fold,
-        measures=all_measures(tally.settings),
+        measures=all_measures(settings),
         drives=drives,
         field_tally=np.stack(field_tally),
         range_warnings=range_warnings(stated, sensor),
@@ -229,9 +231,10 @@ def found_inputs(scenario: Scenario) -> tuple[Input, ...]:
 
 def _layout(parts: ScenarioParts) -> ParameterLayout:
     model = parts.behaviour.car_following
-    if model not in RANGES:
-        known = ", ".join(RANGES)
+    if model not in (*SUMO_MODELS, *NEAREST_MODEL):
+        known = ", ".join((*SUMO_MODELS, *NEAREST_MODEL))
         raise CaseError(FILE_NAME, "behaviour.car_following", f"expected one of {known}, got {quote(model)}.")
+    model = nearest_model(model)
     return ParameterLayout(
         input_ids=tuple(entrance.id for entrance in parts.inputs),
         input_flows=tuple(entrance.flows for entrance in parts.inputs),

@@ -49,7 +49,12 @@ def check_models(scenario: Scenario, parts: ScenarioParts) -> None:
         CaseError: they are not.
     """
     for vtype in parts.behaviour.vtypes:
-        model = scenario.model_of(vtype)
+        if vtype not in scenario.demand.vtypes:
+            known = ", ".join(map(quote, scenario.demand.vtypes))
+            raise CaseError(
+                FILE_NAME, "behaviour.vtypes", f"expected vTypes of the scenario ({known}), got {quote(vtype)}."
+            )
+        model = scenario.demand.vtypes[vtype].get("carFollowModel", "Krauss")
         if model != parts.behaviour.car_following:
             raise CaseError(
                 FILE_NAME,

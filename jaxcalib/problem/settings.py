@@ -7,9 +7,10 @@ from typing import Annotated, Literal
 import msgspec
 from msgspec import Meta
 
-from jaxcalib.errors import CaseError, shorten
+from jaxcalib.errors import CaseError, quote, shorten
+from jaxcalib.search.registry import OPTIMISERS
 
-Part = Literal["logs", "saga", "polish", "gradients", "correction"]
+Part = Literal["logs", "optimiser", "polish", "gradients", "correction"]
 
 
 class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -18,21 +19,33 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     Attributes:
         scaling_factor: delta of Eqs. 5 and 6: how far an inflow may leave its initial value.
         bounds: own bounds by name of input or vType attribute, [lower, upper].
-        num_critical: K: how many driver parameters SAGA moves at most.
+        num_critical: K: how many driver parameters Stage 2's optimiser moves at most.
+        optimiser: of Stage 2, by its name in `jaxcalib.search.registry`; `literal` takes the printed Algorithm 3.
         objective: "likelihood" weighs errors by their noise; "paper" takes the mean relative error of Eqs. 2 and 11.
         accuracy_threshold: a_thre of Algorithms 1 and 3; the accuracy that the truth shows on average unless given.
         literal: Algorithms 1 and 3 as printed, with their slips.
-        without: parts that are left out, to see what they buy: what the logs say of drivers, SAGA, the joint polish,
-            the gradient refinement, the search corrected by SUMO.
+        without: parts that are left out, to see what they buy: what the logs say of drivers, Stage 2's optimiser, the
+            joint polish, the gradient refinement, the search corrected by SUMO.
     """
 
     scaling_factor: Annotated[float, Meta(gt=0.0, lt=1.0)] = 0.2
     bounds: dict[str, tuple[float, float]] = {}
     num_critical: Annotated[int, Meta(ge=1, le=50)] = 10
+    optimiser: str = "trust_region"
     objective: Literal["likelihood", "paper"] = "likelihood"
     accuracy_threshold: Annotated[float, Meta(gt=0.0, le=1.0)] | None = None
     literal: bool = False
     without: tuple[Part, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Check what the types cannot."""
+        if self.optimiser not in OPTIMISERS:
+            raise ValueError(f"expected an optimiser of {', '.join(OPTIMISERS)}; got {quote(self.optimiser)}")
+
+    @property
+    def stage_2_optimiser(self) -> str:
+        """Name of the optimiser that Stage 2 uses."""
+        return "saga_literal" if self.literal else self.optimiser
 
 
 def read_settings(file: Path | None) -> Settings:
@@ -49,6 +62,8 @@ def read_settings(file: Path | None) -> Settings:
         raise CaseError(file, "", f"expected a settings file: {shorten(error.strerror or str(error))}.") from None
     except msgspec.ValidationError as error:
         message, _, place = str(error).partition(" - at ")
-        raise CaseError(file, place.strip("`").removeprefix("$."), f"{shorten(message, 150)}.") from None
+        raise CaseError(
+            file, place.strip("`").removeprefix("$").removeprefix("."), f"{shorten(message, 150)}."
+        ) from None
     except (ValueError, RecursionError) as error:
         raise CaseError(file, "", f"expected TOML: {shorten(str(error), 150)}.") from None

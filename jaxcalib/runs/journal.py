@@ -1,14 +1,10 @@
 """Remembers every run that was made, so that a stopped calibration goes on by replaying itself.
 
 No state of a search is stored: the program runs again from its beginning and finds the runs that it has made already.
-Parts are whole files, written beside their place and then moved there, so that a kill at any moment leaves either a
-part or none; a part that cannot be read is made again.
 """
 
 import hashlib
-import os
 import time
-import zipfile
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -16,7 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from jaxcalib.runs.disk import checked_disk, writing_to
+from jaxcalib.runs.disk import checked_disk
+from jaxcalib.runs.parts import Parts
 from sim_adapters.interface import ParameterLayout, RunOutcome, RunRequest, Status
 from sim_adapters.jax.simulator import JaxSimulator
 from sim_adapters.sumo.simulator import SumoSimulator
@@ -34,16 +31,17 @@ class Journal:
         Args:
             folder: where parts lie; None keeps nothing.
         """
-        self._folder = folder
+        self._parts = None if folder is None else Parts.begin(folder)
         self._outcomes: dict[str, RunOutcome] = {}
         self._next_part = 0
         self._share_s: dict[str, float] = {}  # time that runs of parts took, until they are asked for
         self._replayed_s = 0.0
-        if folder is not None:
-            folder.mkdir(exist_ok=True)
-            for file in sorted(folder.glob("part-*.npz")):
-                self._read(file)
-                self._next_part = int(file.stem.removeprefix("part-")) + 1
+        if self._parts is not None:
+            for name in self._parts.names("part-*.npz"):
+                columns = self._parts.read(name, _load_columns)
+                self._next_part = int(name.removeprefix("part-").removesuffix(".npz")) + 1
+                if columns is not None:
+                    self._take(columns)
 
     @property
     def num_runs(self) -> int:
@@ -73,20 +71,13 @@ class Journal:
         self._outcomes |= dict(zip(keys, outcomes, strict=True))
         # a simulator that died says nothing of the candidate: whoever resumes tries it again
         kept = [(key, one) for key, one in zip(keys, outcomes, strict=True) if one.status is not Status.FAILED]
-        if self._folder is not None and kept:
+        if self._parts is not None and kept:
             part: dict[str, Any] = _part_of(*map(list, zip(*kept, strict=True)))
             part["elapsed_s"] = np.asarray(elapsed_s)
-            with writing_to(self._folder):
-                write_atomically(self._folder / f"part-{self._next_part:06d}.npz", lambda file: np.savez(file, **part))
+            self._parts.write(f"part-{self._next_part:06d}.npz", lambda file: np.savez(file, **part))
             self._next_part += 1
 
-    def _read(self, file: Path) -> None:
-        try:
-            with np.load(file, allow_pickle=False) as part:
-                columns = {name: part[name] for name in (*COLUMNS, "values", "seed", "depart_s", "elapsed_s")}
-        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
-            file.unlink()  # damaged; its runs are made again
-            return
+    def _take(self, columns: dict[str, np.ndarray]) -> None:
         for row, key in enumerate(columns["key"].tolist()):
             self._share_s[key] = float(columns["elapsed_s"]) / len(columns["key"])
             self._outcomes[key] = _outcome_of(columns, row)
@@ -182,19 +173,9 @@ def key_of(engine: str, request: RunRequest) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def write_atomically(file: Path, write: Callable[..., object]) -> None:
-    """Write a file so that it is there as a whole or not at all.
-
-    Args:
-        file: where it goes.
-        write: writes to an open binary file.
-    """
-    draft = file.with_name(f".{file.name}.draft")
-    with draft.open("wb") as stream:
-        write(stream)
-        stream.flush()
-        os.fsync(stream.fileno())
-    draft.replace(file)
+def _load_columns(file: Path) -> dict[str, np.ndarray]:
+    with np.load(file, allow_pickle=False) as part:
+        return {name: part[name] for name in (*COLUMNS, "values", "seed", "depart_s", "elapsed_s")}
 
 
 def _part_of(keys: list[str], outcomes: Sequence[RunOutcome]) -> dict[str, np.ndarray]:

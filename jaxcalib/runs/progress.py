@@ -28,7 +28,7 @@ class Progress(Protocol):
 
 
 class Silent:
-    """Says nothing."""
+    """Says nothing, of calibrations and of sweeps."""
 
     def __enter__(self) -> "Silent":
         """Return itself."""
@@ -50,4 +50,10 @@ class Silent:
         """Do nothing."""
 
     def best(self, accuracy: float) -> None:
+        """Do nothing."""
+
+    def begin(self, num_rows: int, num_missing: int) -> None:
+        """Do nothing."""
+
+    def rows(self, num_rows: int, num_failed: int) -> None:
         """Do nothing."""

@@ -14,7 +14,8 @@ import sim_adapters
 import surrogate
 from jaxcalib.case.case import Case
 from jaxcalib.errors import CaseError, quote
-from jaxcalib.runs.journal import Journal, write_atomically
+from jaxcalib.runs.journal import Journal
+from sim_adapters.atomic_file import write_atomically
 
 IDENTITY_FILE = "run.json"
 LIBRARIES = ("jax", "jaxlib", "numpy", "scipy", "scikit-learn", "libsumo")

@@ -21,16 +21,6 @@ class SweepProgress(Protocol):
         ...
 
 
-class Silent:
-    """Says nothing."""
-
-    def begin(self, num_rows: int, num_missing: int) -> None:
-        """Say nothing."""
-
-    def rows(self, num_rows: int, num_failed: int) -> None:
-        """Say nothing."""
-
-
 class TerminalSweepProgress:
     """Shows rows, rate and the time left. Use it as a context manager."""
 

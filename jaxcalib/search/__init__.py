@@ -11,17 +11,16 @@ parameters and says what it cannot know (Algorithm 2).
 """
 
 from jaxcalib.search import saga, soat, trust_region
-from jaxcalib.search.analysis_of_variance import AnalysisOfVariance
 from jaxcalib.search.evaluation import SearchStatus
-from jaxcalib.search.levenberg_marquardt import GaussianPrior
-from jaxcalib.search.orthogonal_array import OrthogonalArray, array_sizes, orthogonal_array
-from jaxcalib.search.range_analysis import NO_LEVEL, RangeAnalysis, RangeAnalysisConfig, analyse_ranges
-from jaxcalib.search.range_noise import RangeNoise
-from jaxcalib.search.saga import SagaInfo, SagaState
-from jaxcalib.search.saga_config import SagaConfig
+from jaxcalib.search.least_squares.surface_step import GaussianPrior
+from jaxcalib.search.orthogonal_arrays.orthogonal_array import OrthogonalArray, array_sizes, orthogonal_array
+from jaxcalib.search.range_analysis.analysis_of_variance import AnalysisOfVariance
+from jaxcalib.search.range_analysis.noise import RangeNoise
+from jaxcalib.search.range_analysis.ranges import NO_LEVEL, RangeAnalysis, RangeAnalysisConfig, analyse_ranges
+from jaxcalib.search.saga.config import SagaConfig
+from jaxcalib.search.saga.search import SagaInfo, SagaState
 from jaxcalib.search.soat import SoatConfig, SoatInfo, SoatState, level_values, points_from_levels
-from jaxcalib.search.trust_region_config import TrustRegionConfig
-from jaxcalib.search.trust_region_state import TrustRegionInfo, TrustRegionState
+from jaxcalib.search.trust_region.records import TrustRegionConfig, TrustRegionInfo, TrustRegionState
 
 __all__ = [
     "NO_LEVEL",

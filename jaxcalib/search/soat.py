@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from jaxcalib.search.evaluation import FAILED_ACCURACY, SearchStatus, is_successful
-from jaxcalib.search.orthogonal_array import OrthogonalArray
+from jaxcalib.search.orthogonal_arrays.orthogonal_array import OrthogonalArray
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from scipy.stats import qmc
 
 from jaxcalib.errors import CaseError, quote
 from jaxcalib.problem.parameter_space import ParameterSpace
-from jaxcalib.search.orthogonal_array import array_sizes, orthogonal_array
+from jaxcalib.search.orthogonal_arrays.orthogonal_array import array_sizes, orthogonal_array
 from jaxcalib.sweeps.own_table import is_table, read_own_table
 
 PLACE = "--design"

@@ -1,9 +1,8 @@
 """Blocks become the one table of a sweep, after nothing is missing."""
 
 import json
-import os
 import shutil
-from typing import Any
+from typing import IO, Any
 
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -11,6 +10,7 @@ import pyarrow.parquet as pq
 from jaxcalib.errors import CaseError
 from jaxcalib.runs.disk import writing_to
 from jaxcalib.sweeps.store import METADATA_KEY, SweepStore
+from sim_adapters.atomic_file import write_atomically
 
 ROW_GROUP = 4096
 
@@ -46,17 +46,8 @@ def merge(store: SweepStore, description: dict[str, Any]) -> None:
             store.table, "", f"expected all {description['num_rows']} rows, {rows} are missing: blocks "
             f"{_ranges(missing)} of {description['num_blocks']}{_of_shards(store, missing)}. Run these first.",
         )  # fmt: skip
-    draft = store.table.with_name(f".{store.table.name}.draft")
     with writing_to(store.table.parent):
-        try:
-            num_rows = _write(store, description, draft)
-            if num_rows != int(description["num_rows"]):
-                raise RuntimeError(f"expected {description['num_rows']} rows, wrote {num_rows}")
-            with draft.open("rb") as stream:
-                os.fsync(stream.fileno())
-            draft.replace(store.table)
-        finally:
-            draft.unlink(missing_ok=True)
+        write_atomically(store.table, lambda stream: _write(store, description, stream))
     remove_blocks(store)
 
 
@@ -65,7 +56,7 @@ def remove_blocks(store: SweepStore) -> None:
     shutil.rmtree(store.folder, ignore_errors=True)
 
 
-def _write(store: SweepStore, description: dict[str, Any], draft: Any) -> int:
+def _write(store: SweepStore, description: dict[str, Any], stream: IO[bytes]) -> None:
     num_rows, waiting = 0, []
     writer = None
     try:
@@ -75,13 +66,14 @@ def _write(store: SweepStore, description: dict[str, Any], draft: Any) -> int:
             if sum(table.num_rows for table in waiting) >= ROW_GROUP or is_last:
                 table = pa.concat_tables(waiting).unify_dictionaries()
                 if writer is None:
-                    writer = pq.ParquetWriter(draft, _schema(table.schema, description), compression="zstd")
+                    writer = pq.ParquetWriter(stream, _schema(table.schema, description), compression="zstd")
                 writer.write_table(table.cast(writer.schema), row_group_size=table.num_rows)
                 num_rows, waiting = num_rows + table.num_rows, []
     finally:
         if writer is not None:
             writer.close()
-    return num_rows
+    if num_rows != int(description["num_rows"]):
+        raise RuntimeError(f"expected {description['num_rows']} rows, wrote {num_rows}")
 
 
 def _schema(schema: pa.Schema, description: dict[str, Any]) -> pa.Schema:

@@ -2,7 +2,7 @@
 
 import json
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -10,17 +10,16 @@ import numpy as np
 import pyarrow.parquet as pq
 from markupsafe import Markup
 
-from jaxcalib.calibration.objective.accuracy import MEASURE_OF
 from jaxcalib.html.page import render_page
+from jaxcalib.measures.registry import judged_measures
 from jaxcalib.problem.problem import CalibrationProblem
 from jaxcalib.runs.disk import writing_to
-from jaxcalib.runs.journal import write_atomically
 from jaxcalib.sweeps.columns import OBSERVATIONS
 from jaxcalib.sweeps.figures import dependence_figure, influence_figure
 from jaxcalib.sweeps.influence import candidate_means, rank_correlation
 from jaxcalib.sweeps.store import SweepStore
+from sim_adapters.atomic_file import write_atomically
 
-SHOWN = tuple(dict.fromkeys(MEASURE_OF.values()))  # measures that calibrations are judged by
 OTHER_COLUMNS = ["candidate", "status", "num_collisions", "num_teleports", "backlog_share", "wall_s"]
 LARGE_BACKLOG = 0.05
 
@@ -42,15 +41,16 @@ def write_report(table: Path, problem: CalibrationProblem | None) -> None:
     """
     in_numbers, in_pictures = report_files(table)
     description = SweepStore(table).description()
+    shown = judged_measures()
     column_of = {name: one["column"] for name, one in description["parameters"].items() if one["varied"]}
-    columns = [*OTHER_COLUMNS, *column_of.values(), *SHOWN, *(OBSERVATIONS + name for name in SHOWN)]
+    columns = [*OTHER_COLUMNS, *column_of.values(), *shown, *(OBSERVATIONS + name for name in shown)]
     read = pq.ParquetFile(table).read(columns)
     rows = {name: read[name].to_numpy() for name in columns}
     summary = summarise(rows)
     text = json.dumps(description | {"summary": summary}, indent=1) + "\n"
     with writing_to(table.parent):
         write_atomically(in_numbers, lambda stream: stream.write(text.encode()))
-    means = candidate_means(rows, column_of, SHOWN)
+    means = candidate_means(rows, column_of, shown)
     correlation = rank_correlation(means)
     is_known = bool(np.isfinite(correlation).any())
     page = render_page(
@@ -58,7 +58,7 @@ def write_report(table: Path, problem: CalibrationProblem | None) -> None:
         description=description,
         summary=summary,
         influence=Markup(influence_figure(means, correlation)) if is_known else "",
-        dependence=Markup(dependence_figure(means, correlation, field_values(problem))) if is_known else "",
+        dependence=Markup(dependence_figure(means, correlation, field_values(problem, shown))) if is_known else "",
         number=lambda value: f"{value:.5g}",
     )
     with writing_to(table.parent):
@@ -80,9 +80,9 @@ def summarise(rows: Mapping[str, np.ndarray]) -> dict[str, Any]:
     }
 
 
-def field_values(problem: CalibrationProblem | None) -> dict[str, float]:
+def field_values(problem: CalibrationProblem | None, names: Sequence[str]) -> dict[str, float]:
     """Return the field's value of each measure, drives to fit pooled; nothing where there is no problem."""
     if problem is None:
         return {}
     tally = dict(zip(problem.tally_names, problem.field_of("fit").sum(axis=0), strict=True))
-    return {name: problem.measures[name].value(tally).value for name in SHOWN}
+    return {name: problem.measures[name].value(tally).value for name in names}

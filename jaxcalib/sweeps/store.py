@@ -16,9 +16,10 @@ from filelock import FileLock, Timeout
 
 from jaxcalib.errors import CaseError
 from jaxcalib.runs.disk import writing_to
-from jaxcalib.runs.journal import write_atomically
+from jaxcalib.runs.parts import Parts
 from jaxcalib.runs.run_folder import check_identity, read_identity
 from jaxcalib.sweeps.plan import Shard
+from sim_adapters.atomic_file import write_atomically
 
 DESCRIPTION_FILE = "_sweep.json"  # readers of Parquet skip names that begin so, and with a dot
 METADATA_KEY = b"jaxcalib_sweep"
@@ -32,6 +33,7 @@ class SweepStore:
         """Keep the place of the table; nothing is read or written before it is asked for."""
         self.table = table
         self.folder = table.with_name(f"{table.name}.parts")
+        self._parts = Parts(self.folder)
         self._locks = ExitStack()
 
     def __enter__(self) -> "SweepStore":
@@ -139,7 +141,7 @@ class SweepStore:
 
     def file_of(self, block: int) -> Path:
         """Return the file of a block."""
-        return self.folder / f"block-{block:06d}.parquet"
+        return self._parts.file_of(_name_of(block))
 
     def finished(self, num_rows: Callable[[int], int], num_blocks: int) -> set[int]:
         """Return the blocks that are there as a whole; files that are damaged are removed.
@@ -148,21 +150,18 @@ class SweepStore:
             num_rows: rows of a block.
             num_blocks: number of blocks.
         """
-        there = {file.name for file in self.folder.glob("block-*.parquet")}
-        done = set()
-        for block in range(num_blocks):
-            file = self.file_of(block)
-            if file.name not in there:
-                continue
-            try:
-                is_whole = pq.read_metadata(file).num_rows == num_rows(block)
-            except (OSError, pa.ArrowException):
-                is_whole = False
-            if is_whole:
-                done.add(block)
-            else:
-                file.unlink(missing_ok=True)
-        return done
+        there = set(self._parts.names("block-*.parquet"))
+
+        def is_whole(block: int) -> bool:
+            def load(file: Path) -> bool:
+                if pq.read_metadata(file).num_rows != num_rows(block):
+                    raise ValueError("another number of rows")
+                return True
+
+            name = _name_of(block)
+            return name in there and self._parts.read(name, load) is not None
+
+        return {block for block in range(num_blocks) if is_whole(block)}
 
     def write(self, block: int, rows: pa.Table) -> None:
         """Keep a block.
@@ -170,8 +169,11 @@ class SweepStore:
         Raises:
             ResourceError: the disk is full.
         """
-        with writing_to(self.folder):
-            write_atomically(self.file_of(block), lambda stream: pq.write_table(rows, stream, compression="zstd"))
+        self._parts.write(_name_of(block), lambda stream: pq.write_table(rows, stream, compression="zstd"))
+
+
+def _name_of(block: int) -> str:
+    return f"block-{block:06d}.parquet"
 
 
 def _is_held(file: Path) -> bool:

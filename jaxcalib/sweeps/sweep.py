@@ -1,37 +1,28 @@
 """One call makes a sweep, or goes on with it, and leaves one table."""
 
-import os
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pandas as pd
 import pyarrow.parquet as pq
 
-from jaxcalib.calibration.stages.evaluator import interleaved_departs_s
 from jaxcalib.errors import CaseError, quote
-from jaxcalib.problem.engines import prepare_devices
-from jaxcalib.problem.parameter_space import ParameterSpace, parameter_space, round_values
-from jaxcalib.problem.problem import CalibrationProblem, read_problem
-from jaxcalib.problem.settings import Settings, read_settings
+from jaxcalib.problem.problem import read_problem
+from jaxcalib.problem.settings import Settings
 from jaxcalib.runs.disk import writing_to
+from jaxcalib.runs.progress import Silent
 from jaxcalib.runs.run_folder import identify
-from jaxcalib.runs.sweep_progress import Silent, SweepProgress
-from jaxcalib.sweeps.columns import rows_of, sweep_schema
-from jaxcalib.sweeps.description import describe, identity_options
-from jaxcalib.sweeps.design import make_design
+from jaxcalib.runs.sweep_progress import SweepProgress
 from jaxcalib.sweeps.local_engines import BlockEngine, local_engine
 from jaxcalib.sweeps.merge import merge, missing_blocks, remove_blocks, rows_in
-from jaxcalib.sweeps.plan import ENGINES, Engine, Shard, SweepPlan, read_shard
+from jaxcalib.sweeps.options import SweepOptions
+from jaxcalib.sweeps.plan import Engine, Shard
+from jaxcalib.sweeps.preparation import PreparedSweep, prepare_sweep
 from jaxcalib.sweeps.report import report_files, write_report
 from jaxcalib.sweeps.store import SweepStore
-
-SEEDS_PER_SWEEP = 1_000_000  # as for calibrations: no two values of --seed share a run's seed
-MOST_SEED = 2_000
-MOST_SEEDS = 100_000
 
 
 @dataclass(frozen=True)
@@ -109,56 +100,62 @@ def sweep(
         CaseError: the case, the design or the files of the sweep are wrong; one line says what.
         ResourceError: the disk is full, or the cluster does not answer.
     """
+    options = SweepOptions(
+        design=design, seeds=seeds, engine=engine, seed=seed, parameters=parameters, settings=settings, shard=shard,
+        cluster=cluster, resume=resume,
+    )  # fmt: skip
+    return make_sweep(case, out, options, progress or Silent())
+
+
+def make_sweep(case: Path | str, out: Path | str, options: SweepOptions, progress: SweepProgress) -> SweepResult:
+    """Make what is missing of a sweep, and the table if all rows are this call's to make; see `sweep`."""
     began = time.perf_counter()
-    part = read_shard(shard) if isinstance(shard, str) else shard
-    _check(engine, seeds, seed)
-    table = _table_path(Path(out), Path(case))
-    store = SweepStore(table)
-    if resume and not store.is_begun:
-        raise CaseError(table, "", "expected a sweep that was begun; there is none. Leave --resume out to begin one.")
-    prepare_devices(len(os.sched_getaffinity(0)))
-    problem = read_problem(case)
-    chosen = settings if isinstance(settings, Settings) else read_settings(settings)
-    space = _space(problem, chosen)
-    base = round_values(problem.template.base_values())
-    plan = SweepPlan(
-        engine=engine,
-        design=make_design(design, space, base, parameters, seed),
-        num_seeds=seeds,
-        first_seed=seed * SEEDS_PER_SWEEP,
-        departs_s=tuple(interleaved_departs_s(problem.departs_s("fit"))),
-    )
-    schema = sweep_schema(space, problem.measures)
-    identity = identify(problem.case, identity_options(plan, chosen))
+    options.check()
+    store = SweepStore(_table_path(Path(out), Path(case)))
+    if options.resume and not store.is_begun:
+        expected = "expected a sweep that was begun; there is none. Leave --resume out to begin one."
+        raise CaseError(store.table, "", expected)
+    prepared = prepare_sweep(case, options)
     with store:
-        description = store.begin(describe(problem, space, plan, chosen, schema, identity), identity)
+        description = store.begin(prepared.description(), prepared.identity)
+        num_made = 0
         if store.is_complete:
             remove_blocks(store)
-            if not all(file.is_file() for file in report_files(table)):  # stopped between the table and its report
-                write_report(table, problem)
-            return _result(store, description, 0, began, plan)
-        store.claim(part or Shard())
-        missing = [block for block in missing_blocks(store, description) if (part or Shard()).has(block)]
-        to_make = sum(rows_in(description, block) for block in missing)
-        progress = progress or Silent()
-        progress.begin(rows_of_shard(description, part or Shard()), to_make)
-        if missing:
-            with writing_to(store.folder):
-                runner = _runner(problem, engine, cluster, identity)
-            try:
-                with writing_to(store.folder):
-                    for block, outcomes in runner.outcomes(plan, missing):
-                        store.write(block, rows_of(
-                            schema, space, problem.measures, problem.tally_names, engine, plan.candidates(block),
-                            outcomes,
-                        ))  # fmt: skip
-                        progress.rows(len(outcomes), sum(not outcome.status.is_ok for outcome in outcomes))
-            finally:
-                runner.close()
-        if part is None:
-            merge(store, description)
-            write_report(table, problem)
-    return _result(store, description, to_make, began, plan)
+            if not all(file.is_file() for file in report_files(store.table)):  # stopped between table and report
+                write_report(store.table, prepared.problem)
+        else:
+            store.claim(options.part)
+            num_made = _make_rows(store, prepared, description, options, progress)
+            if options.is_whole:
+                merge(store, description)
+                write_report(store.table, prepared.problem)
+    return _result(store, description, num_made, began, prepared.plan.design.warnings)
+
+
+def _make_rows(
+    store: SweepStore,
+    prepared: PreparedSweep,
+    description: dict[str, Any],
+    options: SweepOptions,
+    progress: SweepProgress,
+) -> int:
+    """Make the runs that are missing of a part, and keep their rows; return how many there were."""
+    part = options.part
+    missing = [block for block in missing_blocks(store, description) if part.has(block)]
+    to_make = sum(rows_in(description, block) for block in missing)
+    progress.begin(rows_of_shard(description, part), to_make)
+    if not missing:
+        return 0
+    with writing_to(store.folder):
+        runner = _runner(prepared, options.cluster)
+    try:
+        with writing_to(store.folder):
+            for block, outcomes in runner.outcomes(prepared.plan, missing):
+                store.write(block, prepared.rows(block, outcomes))
+                progress.rows(len(outcomes), sum(not outcome.status.is_ok for outcome in outcomes))
+    finally:
+        runner.close()
+    return to_make
 
 
 def merge_shards(out: Path | str, case: Path | str | None = None) -> SweepResult:
@@ -189,7 +186,7 @@ def merge_shards(out: Path | str, case: Path | str | None = None) -> SweepResult
             merge(store, description)
     remove_blocks(store)
     write_report(table, problem)
-    return _result(store, description, 0, began, None)
+    return _result(store, description, 0, began)
 
 
 def rows_of_shard(description: dict[str, Any], shard: Shard) -> int:
@@ -197,20 +194,20 @@ def rows_of_shard(description: dict[str, Any], shard: Shard) -> int:
     return sum(rows_in(description, block) for block in range(int(description["num_blocks"])) if shard.has(block))
 
 
-def _runner(problem: CalibrationProblem, engine: Engine, cluster: str | None, identity: dict[str, str]) -> BlockEngine:
+def _runner(prepared: PreparedSweep, cluster: str | None) -> BlockEngine:
     if cluster is None:
-        return local_engine(problem, engine)
+        return local_engine(prepared.problem, prepared.plan.engine)
     try:
         from jaxcalib.sweeps.cluster import ClusterEngine
     except ModuleNotFoundError as error:
         if (error.name or "").partition(".")[0] not in ("distributed", "dask"):
             raise
         raise CaseError("command line", "--cluster", "expected dask; pip install 'jaxcalib[cluster]'.") from None
-    return ClusterEngine(cluster, problem, engine, identity)
+    return ClusterEngine(cluster, prepared.problem, prepared.plan.engine, prepared.identity)
 
 
 def _result(
-    store: SweepStore, description: dict[str, Any], num_made: int, began: float, plan: SweepPlan | None
+    store: SweepStore, description: dict[str, Any], num_made: int, began: float, warnings: tuple[str, ...] = ()
 ) -> SweepResult:
     statuses: dict[str, int] = {}
     missing = 0
@@ -226,17 +223,8 @@ def _result(
         num_made=num_made,
         statuses=statuses,
         wall_s=time.perf_counter() - began,
-        warnings=() if plan is None else plan.design.warnings,
+        warnings=warnings,
     )
-
-
-def _check(engine: str, seeds: int, seed: int) -> None:
-    if engine not in ENGINES:
-        raise CaseError("command line", "--engine", f"expected one of {', '.join(ENGINES)}; got {quote(engine)}.")
-    if not 1 <= seeds <= MOST_SEEDS:
-        raise CaseError("command line", "--seeds", f"expected 1 to {MOST_SEEDS}, got {seeds}.")
-    if not 0 <= seed <= MOST_SEED:
-        raise CaseError("command line", "--seed", f"expected 0 to {MOST_SEED}, got {seed}.")
 
 
 def _table_path(out: Path, case: Path) -> Path:
@@ -247,11 +235,3 @@ def _table_path(out: Path, case: Path) -> Path:
     if out.resolve().is_relative_to(case.resolve()):
         raise CaseError(out, "", "expected a place outside the case's folder.")
     return out
-
-
-def _space(problem: CalibrationProblem, settings: Settings) -> ParameterSpace:
-    """Return the bounds: inflows around the scenario's, driver parameters as in calibrations."""
-    demand = problem.template.base_demand_vehph()
-    return parameter_space(
-        problem.layout, problem.model, np.asarray(demand, float), settings.scaling_factor, settings.bounds
-    )

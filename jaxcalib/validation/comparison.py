@@ -8,9 +8,10 @@ from jaxtyping import Float
 
 from jaxcalib.calibration.result.result import rounded
 from jaxcalib.measures.measure import Measure
+from jaxcalib.statistics.multiple_tests import holm
 from jaxcalib.validation.distributions import BORDERS, distances
 from jaxcalib.validation.observer import ObservedDrives
-from jaxcalib.validation.prediction import PROBABILITY, Prediction, exceedance, holm, predict, upper_limit
+from jaxcalib.validation.prediction import PROBABILITY, Prediction, exceedance, predict, upper_limit
 from jaxcalib.validation.trajectories import passing_rmse_s, speed_rmse_mps, travel_times_s
 
 FEWEST_EVENTS = 5.0  # a field that shows fewer says nothing of a measure

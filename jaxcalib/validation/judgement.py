@@ -5,14 +5,14 @@ from collections.abc import Sequence
 import numpy as np
 
 from jaxcalib.calibration.stages.evaluator import MOST_FAILED_SHARE
+from jaxcalib.statistics.multiple_tests import holm
 from jaxcalib.validation.comparison import SIGNIFICANCE, Table
 from jaxcalib.validation.criterion import FHWA_2004, FHWA_2019, OWN, Criterion, at_least, at_most, not_testable
-from jaxcalib.validation.prediction import holm
 from jaxcalib.validation.volumes import GEH_STANDARD
 from sim_adapters.interface import RunOutcome
 
 LARGE_BACKLOG = 0.01
-NO_COUNTS = "the case has no counts; give them with --counts (docs/validation.md)"
+NO_COUNTS = "the case has no counts; give them with --counts (docs/validate.md)"
 
 
 def health_criteria(outcomes: Sequence[RunOutcome]) -> list[Criterion]:

@@ -83,16 +83,3 @@ def exceedance(rounds: Float[np.ndarray, " round"], value: float) -> float:
     if spread == 0.0:
         return 0.0 if np.log(value) > logs.mean() else 1.0
     return float(stats.t.sf((np.log(value) - logs.mean()) / spread, len(known) - 1))
-
-
-def holm(p_values: Float[np.ndarray, " test"]) -> Float[np.ndarray, " test"]:
-    """Return p values corrected for their number; nan stays nan.
-
-    Source: Holm (1979), Scand. J. Statist. 6.
-    """
-    adjusted = np.full(len(p_values), np.nan)
-    known = np.flatnonzero(np.isfinite(p_values))
-    order = known[np.argsort(p_values[known], kind="stable")]
-    factors = len(order) - np.arange(len(order))
-    adjusted[order] = np.minimum(np.maximum.accumulate(p_values[order] * factors), 1.0) if len(order) else []
-    return adjusted

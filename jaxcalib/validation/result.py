@@ -9,7 +9,7 @@ from jaxcalib.validation.criterion import FORMAT, Criterion
 
 
 class ValidationResult(msgspec.Struct, frozen=True):
-    """Result of `jaxcalib.validate`; the same as validation.json, see docs/validation.md.
+    """Result of `jaxcalib.validate`; the same as validation.json, see docs/validate.md.
 
     Attributes:
         case: name of the case.

@@ -17,9 +17,11 @@ from jaxcalib.problem.engines import prepare_devices, sumo_engine
 from jaxcalib.problem.problem import CalibrationProblem, read_problem
 from jaxcalib.runs.disk import writing_to
 from jaxcalib.runs.journal import JournaledSumo
-from jaxcalib.runs.progress import Progress, Silent
+from jaxcalib.runs.progress import Progress
 from jaxcalib.runs.provenance import commit, versions
-from jaxcalib.runs.run_folder import RunFolder, identify, open_run_folder
+from jaxcalib.runs.run_folder import identify
+from jaxcalib.runs.seeds import VALIDATION_SEED
+from jaxcalib.runs.session import Session, open_session
 from jaxcalib.validation.calibrated_run import CalibratedRun, read_calibrated_run
 from jaxcalib.validation.comparison import (
     compare_distributions,
@@ -42,7 +44,6 @@ from jaxcalib.validation.result import ValidationResult
 from jaxcalib.validation.volumes import Volume
 from sim_adapters.interface import RunOutcome, RunRequest
 
-VALIDATION_SEED = 500_000  # beyond those of the calibration's own runs
 MOST_SEEDS = 1000
 FOLDER = "validation"
 
@@ -78,7 +79,7 @@ def validate(
         AllRunsFailedError: hardly any run succeeded.
         ResourceError: the disk is full.
     """
-    began = time.perf_counter()
+    began_s = time.perf_counter()
     if not FEWEST_ROUNDS <= seeds <= MOST_SEEDS:
         raise CaseError("command line", "--seeds", f"expected {FEWEST_ROUNDS} to {MOST_SEEDS}, got {seeds}.")
     prepare_devices(len(os.sched_getaffinity(0)))
@@ -93,13 +94,14 @@ def validate(
         "validate": list(calibrated.values), "seeds": seeds, "drives": role, "first": calibrated.first_seed,
         "counts": None if counted is None else [list(counted.places), np.nan_to_num(counted.vehicles, nan=-1).tolist()],
     }  # fmt: skip
+    identity = identify(problem.case, options)
     with (
         writing_to(folder),
-        open_run_folder(folder, identify(problem.case, options), resume) as run_folder,
+        open_session(folder, identity, progress=progress, resume=resume, began_s=began_s) as session,
     ):
-        result = _validate(problem, calibrated, role, seeds, counted, run_folder, progress or Silent(), began)
-        run_folder.write_text("validation.json", to_json(result))
-        run_folder.write_text("validation.html", validation_html(result))
+        result = _validate(problem, calibrated, role, seeds, counted, session)
+        session.folder.write_text("validation.json", to_json(result))
+        session.folder.write_text("validation.html", validation_html(result))
     return result
 
 
@@ -109,21 +111,19 @@ def _validate(
     role: Role,
     seeds: int,
     counted: FieldCounts | None,
-    run_folder: RunFolder,
-    progress: Progress,
-    began: float,
+    session: Session,
 ) -> ValidationResult:
     observer = DriveObserver(problem)
     logs = [drive for drive in problem.drives if drive.role == role]
     requests = round_requests(calibrated, problem.departs_s(role), seeds)
     count_requests = [] if counted is None else _count_requests(calibrated, requests, seeds)
-    progress.plan(0, len(requests) + len(count_requests))
-    progress.stage("validation")
+    session.progress.plan(0, len(requests) + len(count_requests))
+    session.progress.stage("validation")
     with sumo_engine(problem, fold=observer) as sumo:
-        outcomes = JournaledSumo(sumo, run_folder.journal).start(requests, progress.sumo_runs)()
+        outcomes = JournaledSumo(sumo, session.journal).start(requests, session.progress.sumo_runs)()
     rounds = complete_rounds(outcomes, len(logs))
-    simulated_counts = _counts_of(problem, counted, count_requests, run_folder, progress)
-    progress.stage("report")
+    simulated_counts = _counts_of(problem, counted, count_requests, session)
+    session.progress.stage("report")
     simulated = observer.parts(rounds)
     field = observer.parts(np.stack([observer(drive.frames(problem.frame_interval_s)) for drive in logs]))
     measures = compare_measures(problem.measures, problem.tally_names, field, simulated)
@@ -156,7 +156,7 @@ def _validate(
         runs=len(outcomes) + len(count_requests),
         seeds=[requests[0].seed, requests[-1].seed],
         num_rounds=len(rounds),
-        wall_s={"total": rounded(time.perf_counter() - began) or 0.0},
+        wall_s={"total": rounded(time.perf_counter() - session.began_s) or 0.0},
         warnings=[*calibrated.warnings, *problem.warnings()],
         versions=versions(),
         commit=commit(),
@@ -222,8 +222,7 @@ def _counts_of(
     problem: CalibrationProblem,
     counted: FieldCounts | None,
     requests: Sequence[RunRequest],
-    run_folder: RunFolder,
-    progress: Progress,
+    session: Session,
 ) -> np.ndarray:
     """Return what is counted in each run that succeeds, [seed, place].
 
@@ -233,5 +232,5 @@ def _counts_of(
     if counted is None:
         return np.zeros((0, 0))
     with sumo_engine(problem, counter=counted) as sumo:
-        outcomes = JournaledSumo(sumo, run_folder.journal).start(requests, progress.sumo_runs)()
+        outcomes = JournaledSumo(sumo, session.journal).start(requests, session.progress.sumo_runs)()
     return gather([outcomes]).tally[0][[one.status.is_ok for one in outcomes]]

@@ -15,7 +15,7 @@ from sim_adapters.jax.device_memory import check_memory
 from sim_adapters.jax.program_store import ProgramStore, compile_afresh
 from sim_adapters.world.world_builder import WorldTemplate
 from surrogate.effects.settings import Effects, settings_table
-from surrogate.loop.course import Course, Observer, RunPlan
+from surrogate.loop.run_state import Observer, RunPlan, RunState
 from surrogate.loop.simulate import at_start, go_on
 from surrogate.loop.world import Clock, World
 from surrogate.road.perception import Sensor
@@ -43,13 +43,13 @@ class CompiledBatch:
     """A program, and what it works on.
 
     Attributes:
-        program: from inputs, a course (which it may overwrite), which runs of it are yet to begin, and the share of the
-            runs that are not over that may be left, to the course then.
-        course: shapes of a course.
+        program: from inputs, states of runs (which it may overwrite), which of them are yet to begin, and the share of
+            the runs that are not over that may be left, to the states then.
+        run_states: shapes of the states.
     """
 
     program: jax.stages.Compiled
-    course: Course
+    run_states: RunState
 
     @property
     def device_bytes(self) -> int | None:
@@ -99,26 +99,26 @@ class BatchProgram:
             TooLargeBatchError: a batch does not fit into the devices' memory.
         """
         inputs = self._input_shapes(num_subjects)
-        course = jax.eval_shape(lambda inputs: self._at_start(inputs, capacity), inputs)
+        run_states = jax.eval_shape(lambda inputs: self._at_start(inputs, capacity), inputs)
         device, num_runs = self.mesh.devices.flat[0], self.batch // self.mesh.size
-        where_runs_are = sum(leaf.size * leaf.dtype.itemsize for leaf in jax.tree.leaves(course))
+        where_runs_are = sum(leaf.size * leaf.dtype.itemsize for leaf in jax.tree.leaves(run_states))
         check_memory(where_runs_are // self.mesh.size, num_runs, device)  # the least: no need to compile
-        made = self._loaded_or_compiled(inputs, course, capacity, num_subjects, store)
+        made = self._loaded_or_compiled(inputs, run_states, capacity, num_subjects, store)
         check_memory(made.device_bytes or 0, num_runs, device)
         return made
 
     def _loaded_or_compiled(
-        self, inputs: BatchInputs, course: Course, capacity: int, num_subjects: int, store: ProgramStore | None
+        self, inputs: BatchInputs, run_states: RunState, capacity: int, num_subjects: int, store: ProgramStore | None
     ) -> CompiledBatch:
-        arguments = inputs, course, jax.ShapeDtypeStruct((self.batch,), bool), jax.ShapeDtypeStruct((), jnp.float32)
+        arguments = inputs, run_states, jax.ShapeDtypeStruct((self.batch,), bool), jax.ShapeDtypeStruct((), jnp.float32)
         key = None if store is None else store.key((*self._made_from(capacity), num_subjects))
         if store is not None and key is not None:
-            kept = store.load(key, arguments, course)
+            kept = store.load(key, arguments, run_states)
             if kept is not None:
-                return CompiledBatch(kept, course)
+                return CompiledBatch(kept, run_states)
 
-        def observe(inputs: BatchInputs, course: Course, is_fresh: Array, share_left: Array) -> Course:
-            return self._observe(inputs, course, is_fresh, share_left, capacity)
+        def observe(inputs: BatchInputs, run_states: RunState, is_fresh: Array, share_left: Array) -> RunState:
+            return self._observe(inputs, run_states, is_fresh, share_left, capacity)
 
         # a name of its own, so that JAX's cache finds it under no other key: from there it could not be kept again
         observe.__name__ = "observe" if key is None else f"observe_{key[:12]}"
@@ -126,7 +126,7 @@ class BatchProgram:
         program, is_new = compile_afresh(lowered, compiler_options())
         if store is not None and key is not None and is_new:
             store.save(key, program)
-        return CompiledBatch(program, course)
+        return CompiledBatch(program, run_states)
 
     def _made_from(self, capacity: int) -> tuple[Any, ...]:
         """Return what tells the program from all others; the devices are known to the store."""
@@ -162,34 +162,34 @@ class BatchProgram:
         build = jax.vmap(self.template.world, out_axes=axes)
         return build(inputs.values, inputs.seeds, inputs.departs_s, effects), axes
 
-    def _at_start(self, inputs: BatchInputs, capacity: int) -> Course:
+    def _at_start(self, inputs: BatchInputs, capacity: int) -> RunState:
         return at_start(*self._worlds(inputs), self.sensor, self.observer, self._plan(capacity))
 
     def _observe(
         self,
         inputs: BatchInputs,
-        course: Course,
+        run_states: RunState,
         is_fresh: Bool[Array, " run"],
         share_left: Float[Array, ""],
         capacity: int,
-    ) -> Course:
+    ) -> RunState:
         each = Spec("run")
 
         @partial(jax.shard_map, mesh=self.mesh, in_specs=(each, each, each, Spec()), out_specs=each, check_vma=False)
         def on_one_device(
-            inputs: BatchInputs, course: Course, is_fresh: Bool[Array, " run"], share_left: Float[Array, ""]
-        ) -> Course:
+            inputs: BatchInputs, run_states: RunState, is_fresh: Bool[Array, " run"], share_left: Float[Array, ""]
+        ) -> RunState:
             worlds, axes = self._worlds(inputs)
             first_s = inputs.departs_s if inputs.departs_s.ndim == 1 else jnp.min(inputs.departs_s, axis=1)
             start = at_start(worlds, axes, self.sensor, self.observer, self._plan(capacity))
-            start = eqx.tree_at(lambda one: one.is_over, start, course.is_over)  # some places are nobody's
-            course = jax.tree.map(
+            start = eqx.tree_at(lambda one: one.is_over, start, run_states.is_over)  # some places are nobody's
+            run_states = jax.tree.map(
                 lambda first, later: jnp.where(is_fresh.reshape(-1, *[1] * (later.ndim - 1)), first, later),
                 start,
-                course,
+                run_states,
             )
             return go_on(
-                course,
+                run_states,
                 worlds,
                 axes,
                 self.sensor,
@@ -197,7 +197,7 @@ class BatchProgram:
                 self._plan(capacity),
                 first_frame_s=first_s - self.clock.interval_s,
                 end_s=jnp.asarray(self.end_s, jnp.float32),
-                most_unfinished=jnp.floor(share_left * jnp.sum(~course.is_over)).astype(jnp.int32),
+                most_unfinished=jnp.floor(share_left * jnp.sum(~run_states.is_over)).astype(jnp.int32),
             )
 
-        return on_one_device(inputs, course, is_fresh, share_left)
+        return on_one_device(inputs, run_states, is_fresh, share_left)

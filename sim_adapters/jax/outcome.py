@@ -5,7 +5,7 @@ import numpy as np
 
 from sim_adapters.interface import RunOutcome, RunRequest, Status
 from sim_adapters.shared_runs import departures_s
-from surrogate.loop.course import RunRecord
+from surrogate.loop.run_state import RunRecord
 
 # Steps of overlap allowed in all and per vehicle; SUMO goes on after a collision as well, and Wiedemann's drivers, who
 # react late by design, touch now and then where lanes merge.
@@ -30,7 +30,7 @@ def outcome_of(request: RunRequest, record: RunRecord, wall_s: float) -> RunOutc
         status = Status.NONFINITE
     elif not bool(record.subject_entered):
         status = Status.SUBJECT_MISSING
-    # a replayed vehicle overlaps others without being able to help it; both it and its follower count
+    # a logged drive overlaps others without being able to help it; both it and its follower count
     elif int(record.num_collisions) - 2 * num_overlaps > _collisions_allowed(record):
         status = Status.COLLIDED
     return RunOutcome(

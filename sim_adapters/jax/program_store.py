@@ -14,7 +14,6 @@ import io
 import os
 import pickle
 import sys
-import tempfile
 import threading
 import zlib
 from collections.abc import Sequence
@@ -26,6 +25,7 @@ from typing import Any
 import jax
 from jax.experimental import serialize_executable
 
+from sim_adapters.atomic_file import write_atomically
 from sim_adapters.jax.processor import processor
 
 SUFFIX = ".program"
@@ -95,9 +95,7 @@ class ProgramStore:
             return
         try:
             self._folder.mkdir(parents=True, exist_ok=True, mode=0o700)
-            with tempfile.NamedTemporaryFile(dir=self._folder, suffix=".draft", delete=False) as draft:
-                draft.write(zlib.compress(payload, 1))
-            os.replace(draft.name, self._file(key))
+            write_atomically(self._file(key), lambda stream: stream.write(zlib.compress(payload, 1)))
             self._forget()
         except OSError:  # full or read-only: the next process compiles
             return

@@ -18,12 +18,12 @@ class Going:
 
     Attributes:
         number: its place in the caller's list.
-        course: where it is; None at its start.
+        state: where it is; None at its start.
         wall_s: computing time spent on it so far.
     """
 
     number: int
-    course: Any = None
+    state: Any = None
     wall_s: float = 0.0
 
 

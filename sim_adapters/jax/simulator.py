@@ -16,7 +16,7 @@ from sim_adapters.jax.run_queue import Going, RunQueue
 from sim_adapters.shared_runs import departures_s, shared_runs
 from sim_adapters.world.world_builder import WorldTemplate
 from surrogate.effects.settings import settings_table
-from surrogate.loop.course import Course, Observer
+from surrogate.loop.run_state import Observer, RunState
 from surrogate.loop.world import Clock
 from surrogate.road.perception import Sensor
 from surrogate.xla.materialise import on_processors
@@ -170,15 +170,15 @@ class JaxSimulator:
             queue = RunQueue(sorted(together, key=lambda run: departs_s[run]), self._batch)
             while runs := queue.take():
                 firsts = [requests[asked[run.number][0]] for run in runs]
-                course = self._go_on(firsts, runs, queue.share_left, num_subjects)
+                run_states = self._go_on(firsts, runs, queue.share_left, num_subjects)
                 for run, lane in zip(runs, self._lanes(len(runs)), strict=True):
-                    if course.is_over[lane]:
-                        record = jax.tree.map(lambda leaf, lane=lane: leaf[lane], course.record)
+                    if run_states.is_over[lane]:
+                        record = jax.tree.map(lambda leaf, lane=lane: leaf[lane], run_states.record)
                         for number in asked[run.number]:
                             share_s = run.wall_s / len(asked[run.number])
                             outcomes[number] = outcome_of(requests[number], record, share_s)
                     else:
-                        run.course = jax.tree.map(lambda leaf, lane=lane: leaf[lane], course)
+                        run.state = jax.tree.map(lambda leaf, lane=lane: leaf[lane], run_states)
                         queue.put_back(run)
         return [outcome for outcome in outcomes if outcome is not None]
 
@@ -198,21 +198,21 @@ class JaxSimulator:
         per_device = self._batch // num_devices
         return [index % num_devices * per_device + index // num_devices for index in range(number)]
 
-    def _go_on(self, requests: list[RunRequest], runs: list[Going], share_left: float, num_subjects: int) -> Course:
+    def _go_on(self, requests: list[RunRequest], runs: list[Going], share_left: float, num_subjects: int) -> RunState:
         """Return where the runs of a batch are when at most a share of them is left, and add to their times."""
         compiled = self._program(num_subjects)
         began = time.perf_counter()
         lanes = self._lanes(len(runs))
         filled = [requests[-1]] * self._batch
-        course = jax.tree.map(lambda leaf: np.zeros(leaf.shape, leaf.dtype), compiled.course)
-        course.is_over[:] = True  # places that nobody needs
+        run_states = jax.tree.map(lambda leaf: np.zeros(leaf.shape, leaf.dtype), compiled.run_states)
+        run_states.is_over[:] = True  # places that nobody needs
         is_fresh = np.ones((self._batch,), bool)
         for request, run, lane in zip(requests, runs, lanes, strict=True):
             filled[lane] = request
-            course.is_over[lane] = False
-            if run.course is not None:
+            run_states.is_over[lane] = False
+            if run.state is not None:
                 is_fresh[lane] = False
-                jax.tree.map(lambda leaf, part, lane=lane: leaf.__setitem__(lane, part), course, run.course)
+                jax.tree.map(lambda leaf, part, lane=lane: leaf.__setitem__(lane, part), run_states, run.state)
         departs_s = np.asarray([departures_s(request) for request in filled], np.float32)
         inputs = BatchInputs(
             values=np.asarray([request.values for request in filled], np.float32),
@@ -222,9 +222,9 @@ class JaxSimulator:
             if self._has_effects
             else None,
         )
-        after = compiled.program(inputs, course, is_fresh, np.float32(share_left))
+        after = compiled.program(inputs, run_states, is_fresh, np.float32(share_left))
         if not share_left:  # all are over: nobody goes on from there
-            after = Course(states=None, observed=None, record=after.record, is_over=after.is_over)  # pyright: ignore[reportArgumentType]
+            after = RunState(states=None, observed=None, record=after.record, is_over=after.is_over)  # pyright: ignore[reportArgumentType]
         found = jax.tree.map(np.asarray, after)
         for run in runs:
             run.wall_s += (time.perf_counter() - began) / len(runs)

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from sim_adapters.scenario.configuration import SumoConfiguration
 from sim_adapters.scenario.demand_file import Demand
 from sim_adapters.scenario.finding import Finding, Level
-from sim_adapters.scenario.sumo_names import MODELS, nearest_model
+from sim_adapters.scenario.sumo_names import SUMO_MODELS, nearest_model
 
 WITHOUT = "the surrogate does without; SUMO runs with it"
 # Options that change how vehicles move, and what the surrogate does instead.
@@ -39,7 +39,7 @@ def vtype_findings(demand: Demand, vtypes: Sequence[str]) -> list[Finding]:
         attributes = demand.vtypes[name]
         model, lane_change = attributes.get("carFollowModel"), attributes.get("laneChangeModel", "LC2013")
         element = f"vType '{name}'"
-        if model is not None and model not in MODELS:
+        if model is not None and model not in SUMO_MODELS:
             words = f"carFollowModel {model}: the surrogate takes {nearest_model(model)}"
             findings.append(Finding(Level.APPROXIMATED, file, element, words))
         if lane_change not in LANE_CHANGE_MODELS:

@@ -5,7 +5,6 @@ the runs that confirm a result and the calibrated scenario that is handed over, 
 same seed; what only writes files (detectors) is left out of runs.
 """
 
-import re
 import shutil
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence

@@ -1,7 +1,8 @@
 """Unmodelled effects by SUMO's own means: vType attributes, vType distributions, options, lists of departures.
 
-SUMO runs by itself: nothing is told a vehicle on the way, since that alone would change its accelerations. Effects that
-SUMO has no such means for are not in `EXPRESSIBLE`; effects of a sensor act on frames, whoever made them
+SUMO runs by itself: nothing is told a vehicle on the way, since that alone would change its accelerations. An effect
+that other attributes of vTypes express says so itself (`Effect.vtype_attributes`); what needs more has an entry in
+`EXPRESSIONS`. Effects with neither SUMO has no means for; effects of a sensor act on frames, whoever made them
 (`surrogate.effects`). Models and units are those of `surrogate/effects/`.
 """
 
@@ -13,8 +14,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from sim_adapters.scenario.scenario import Scenario
-from sim_adapters.scenario.sumo_names import attribute_values
-from surrogate.effects.base import EffectSetting
+from sim_adapters.scenario.sumo_names import attribute_values, habit_attributes
+from surrogate.effects.base import Effect, EffectSetting
 from surrogate.effects.driver_heterogeneity import SPEED_SHARE
 from surrogate.effects.heavy_vehicles import (
     ACCELERATION_FACTOR,
@@ -25,14 +26,9 @@ from surrogate.effects.heavy_vehicles import (
 )
 from surrogate.effects.memory import MEMORY
 from surrogate.effects.platooned_arrivals import HEADWAY_S, REGULAR_SHARE, SIZE
+from surrogate.effects.registry import EFFECTS, effect_named
 
 NUM_TYPES = 40  # of drivers who differ
-# What a driver's time gap, acceleration and deceleration are called, by car-following model.
-HABITS = {
-    "IDM": ("tau", "accel", "decel"),
-    "Krauss": ("tau", "accel", "decel"),
-    "W99": ("cc1", "cc8", "decel"),
-}
 
 
 class NotExpressibleError(ValueError):
@@ -63,7 +59,7 @@ class Draft:
 
     def vtypes(self, names: Sequence[str]) -> list[ET.Element]:
         """Return the elements of vTypes."""
-        return [one for one in self.elements if one.tag == "vType" and one.get("id") in names]
+        return [element for element in self.elements if element.tag == "vType" and element.get("id") in names]
 
     def number(self, vtype: ET.Element, attribute: str) -> float:
         """Return an attribute, SUMO's default included."""
@@ -82,7 +78,17 @@ class Draft:
         self.elements[self.elements.index(vtype)] = together
 
 
-Express = Callable[[Draft, EffectSetting], None]
+@dataclass(frozen=True)
+class Expression:
+    """SUMO's means for an effect.
+
+    Attributes:
+        put: puts it into a draft.
+        car_following: models of the background's drivers with which SUMO has it; None for all.
+    """
+
+    put: Callable[[Draft, EffectSetting], None]
+    car_following: tuple[str, ...] | None = None
 
 
 def put_into(draft: Draft, effects: Mapping[str, EffectSetting]) -> None:
@@ -92,18 +98,44 @@ def put_into(draft: Draft, effects: Mapping[str, EffectSetting]) -> None:
         NotExpressibleError: SUMO has no means for one of them.
     """
     for name, setting in effects.items():
-        if name not in EXPRESSIBLE:
-            raise NotExpressibleError(f"SUMO has no means for '{name}'; it has for {', '.join(EXPRESSIBLE)}.")
-        if setting.strength != 0.0:
-            # numbers of NumPy are written in a way that SUMO does not read
-            EXPRESSIBLE[name](draft, replace(setting, strength=float(setting.strength)))
+        expression = expression_of(effect_named(name))
+        if expression is None:
+            known = ", ".join(effect.name for effect in EFFECTS if expression_of(effect) is not None)
+            raise NotExpressibleError(f"SUMO has no means for '{name}'; it has for {known}.")
+        if setting.strength == 0.0:
+            continue
+        models = expression.car_following
+        if models is not None and not _drivers_follow(draft.scenario, models):
+            raise NotExpressibleError(f"SUMO has means for '{name}' with {', '.join(models)} only.")
+        # numbers of NumPy are written in a way that SUMO does not read
+        expression.put(draft, replace(setting, strength=float(setting.strength)))
 
 
 def is_expressible(scenario: Scenario, name: str) -> bool:
     """Return whether SUMO has means for an effect with the drivers of a scenario."""
-    if name == "memory":
-        return all(scenario.model_of(flow.vtype) == "IDM" for flow in scenario.flows)
-    return name in EXPRESSIBLE
+    expression = expression_of(effect_named(name))
+    if expression is None:
+        return False
+    return expression.car_following is None or _drivers_follow(scenario, expression.car_following)
+
+
+def expression_of(effect: Effect) -> Expression | None:
+    """SUMO's means for an effect; None where it has none."""
+    if effect.name in EXPRESSIONS:
+        return EXPRESSIONS[effect.name]
+    if not effect.vtype_attributes:
+        return None
+
+    def put(draft: Draft, setting: EffectSetting) -> None:
+        for vtype in draft.vtypes(draft.background):
+            for attribute, change in effect.vtype_attributes:
+                vtype.set(attribute, repr(float(change(draft.number(vtype, attribute), setting.strength))))
+
+    return Expression(put)
+
+
+def _drivers_follow(scenario: Scenario, models: Sequence[str]) -> bool:
+    return all(scenario.model_of(flow.vtype) in models for flow in scenario.flows)
 
 
 def _act_at_intervals(draft: Draft, names: Sequence[str], interval_s: float) -> None:
@@ -130,7 +162,7 @@ def _acceleration_noise(draft: Draft, setting: EffectSetting) -> None:
 def _driver_heterogeneity(draft: Draft, setting: EffectSetting) -> None:
     random = np.random.default_rng(draft.seed)
     for vtype in draft.vtypes(draft.background):
-        names = HABITS[draft.scenario.model_of(vtype.get("id", ""))]
+        names = habit_attributes(draft.scenario.model_of(vtype.get("id", "")))
         spreads = dict.fromkeys(names, setting.strength) | {"speedFactor": SPEED_SHARE * setting.strength}
         parts = []
         for _ in range(NUM_TYPES):
@@ -147,26 +179,9 @@ def _memory(draft: Draft, setting: EffectSetting) -> None:
     given_s = setting.time_constant_s
     adapt_s = MEMORY.default_time_constant_s if given_s is None else given_s
     for vtype in draft.vtypes(draft.background):
-        if draft.scenario.model_of(vtype.get("id", "")) != "IDM":
-            raise NotExpressibleError("SUMO has memory for the IDM only (IDMM).")
         vtype.set("carFollowModel", "IDMM")
         vtype.set("adaptFactor", repr(1.0 + setting.strength))
-        vtype.set(
-            "adaptTime",
-            repr(adapt_s),
-        )
-
-
-def _cooperative_yielding(draft: Draft, setting: EffectSetting) -> None:
-    for vtype in draft.vtypes(draft.background):
-        for attribute in ("lcCooperative", "lcCooperativeSpeed"):
-            value = draft.number(vtype, attribute)
-            vtype.set(attribute, repr(float(np.clip(value + setting.strength, 0.0, max(value, 1.0)))))
-
-
-def _keep_right(draft: Draft, setting: EffectSetting) -> None:
-    for vtype in draft.vtypes(draft.background):
-        vtype.set("lcKeepRight", repr(draft.number(vtype, "lcKeepRight") + setting.strength))
+        vtype.set("adaptTime", repr(adapt_s))
 
 
 def _lane_change_duration(draft: Draft, setting: EffectSetting) -> None:
@@ -179,7 +194,7 @@ def _heavy_vehicles(draft: Draft, setting: EffectSetting) -> None:
         lorry = deepcopy(vtype)
         lorry.set("length", repr(LENGTH_M))
         lorry.set("maxSpeed", repr(min(TOP_SPEED_MPS, draft.number(vtype, "maxSpeed"))))
-        habits = HABITS[draft.scenario.model_of(vtype.get("id", ""))]
+        habits = habit_attributes(draft.scenario.model_of(vtype.get("id", "")))
         for attribute, factor in zip(habits, factors, strict=True):
             lorry.set(attribute, repr(factor * draft.number(vtype, attribute)))
         draft.divide(vtype, [(1.0 - setting.strength, deepcopy(vtype)), (setting.strength, lorry)])
@@ -240,15 +255,13 @@ def _scale(vtype: ET.Element, attribute: str, value: float) -> None:
         vtype.set(attribute, repr(value))
 
 
-EXPRESSIBLE: dict[str, Express] = {
-    "reaction_delay": _reaction_delay,
-    "acceleration_noise": _acceleration_noise,
-    "driver_heterogeneity": _driver_heterogeneity,
-    "memory": _memory,
-    "cooperative_yielding": _cooperative_yielding,
-    "lane_change_duration": _lane_change_duration,
-    "keep_right": _keep_right,
-    "heavy_vehicles": _heavy_vehicles,
-    "platooned_arrivals": _platooned_arrivals,
-    "subject_actuation_lag": _subject_actuation_lag,
+EXPRESSIONS: dict[str, Expression] = {
+    "reaction_delay": Expression(_reaction_delay),
+    "acceleration_noise": Expression(_acceleration_noise),
+    "driver_heterogeneity": Expression(_driver_heterogeneity),
+    "memory": Expression(_memory, car_following=("IDM",)),  # IDMM
+    "lane_change_duration": Expression(_lane_change_duration),
+    "heavy_vehicles": Expression(_heavy_vehicles),
+    "platooned_arrivals": Expression(_platooned_arrivals),
+    "subject_actuation_lag": Expression(_subject_actuation_lag),
 }

@@ -1,23 +1,25 @@
-"""SUMO's vType attributes and where the surrogate keeps them.
+"""SUMO's vType attributes, and which field of the surrogate each is.
 
-Attributes are the names by which users know the parameters, so they are jaxcalib's parameter names as well; all of
-them are in SI, so no factor is needed. Defaults are those of SUMO 1.28 for the vehicle class "passenger".
+Attributes are the names by which users know the parameters, so they are jaxcalib's parameter names as well. Defaults
+are those of SUMO 1.28; what a parameter may be stands with the model in `surrogate`. To let scenarios use a further
+car-following model, enter it in `SUMO_MODELS`.
 """
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
 
-from surrogate.car_following.idm import Idm
-from surrogate.car_following.krauss import Krauss
-from surrogate.car_following.wiedemann99 import Wiedemann99Sumo
-from surrogate.lane_change.lc2013 import Lc2013
+from surrogate.car_following.idm import IDM
+from surrogate.car_following.krauss import KRAUSS
+from surrogate.car_following.wiedemann99 import WIEDEMANN_99_SUMO
+from surrogate.lane_change.registry import LC2013
 from surrogate.vehicle.car_following_model import CarFollowingModel
-from surrogate.vehicle.vehicle_class import VehicleClass
+from surrogate.vehicle.model_entry import ModelEntry, Parameter
+from surrogate.vehicle.vehicle_class import DESIRED_SPEED, VehicleClass
 
 CLASS_DEFAULTS: dict[str, dict[str, float]] = {
     "passenger": {"length": 5.0, "minGap": 2.5, "accel": 2.6, "decel": 4.5, "emergencyDecel": 9.0, "maxSpeed": 55.55},
@@ -28,75 +30,106 @@ CLASS_DEFAULTS: dict[str, dict[str, float]] = {
     "coach": {"length": 14.0, "minGap": 2.5, "accel": 2.0, "decel": 4.0, "emergencyDecel": 7.0, "maxSpeed": 27.78},
 }  # source: SUMO documentation, "Vehicle Type Parameter Defaults"
 
-COMMON_DEFAULTS: dict[str, float] = {
-    "speedFactor": 1.0,
-    "speedDev": 0.1,
-    "lcStrategic": 1.0,
-    "lcCooperative": 1.0,
-    "lcSpeedGain": 1.0,
-    "lcSpeedGainRight": 0.1,
-    "lcSpeedGainRemainTime": 20.0,
-    "lcKeepRight": 1.0,
-    "lcAssertive": 1.0,
-    "lcLookaheadLeft": 2.0,
+
+@dataclass(frozen=True)
+class Attribute:
+    """A vType attribute that the surrogate knows.
+
+    Attributes:
+        name: SUMO's.
+        record: record of a `VehicleClass` that holds it, "car_following" or "lane_change"; empty for the class itself.
+        field: field of the record.
+        default: SUMO's value where the vType is silent; None where the vehicle class, or another attribute, decides.
+        factor: SI units in one of SUMO's.
+        own_unit: SUMO's unit where the factor is not 1.
+    """
+
+    name: str
+    record: str
+    field: str
+    default: float | None = None
+    factor: float = 1.0
+    own_unit: str = ""
+
+    def of(self, vehicle_class: VehicleClass) -> Any:
+        """Return the field of a class."""
+        return getattr(getattr(vehicle_class, self.record) if self.record else vehicle_class, self.field)
+
+
+@dataclass(frozen=True)
+class SumoModel:
+    """A car-following model that scenarios may name.
+
+    Attributes:
+        entry: the model in the surrogate.
+        attributes: those of its own that decide how a vehicle follows its leader.
+        follows_by_decel: whether `decel` does so, too, or is for stops and lane changes only.
+    """
+
+    entry: ModelEntry[CarFollowingModel]
+    attributes: tuple[Attribute, ...]
+    follows_by_decel: bool = True
+
+
+_COMMON = (
+    Attribute("length", "", "length_m"),
+    Attribute("maxSpeed", "", "max_speed_mps"),
+    Attribute("speedFactor", "", "speed_factor_mean", 1.0),
+    Attribute("speedDev", "", "speed_factor_deviation", 0.1),
+    Attribute("decel", "car_following", "max_deceleration_mps2"),
+    Attribute("emergencyDecel", "car_following", "emergency_deceleration_mps2"),
+    Attribute("lcStrategic", "lane_change", "strategic", 1.0),
+    Attribute("lcCooperative", "lane_change", "cooperative", 1.0),
+    Attribute("lcCooperativeSpeed", "lane_change", "cooperative_speed"),  # that of lcCooperative
+    Attribute("lcSpeedGain", "lane_change", "speed_gain", 1.0),
+    Attribute("lcSpeedGainRight", "lane_change", "speed_gain_right", 0.1),
+    Attribute("lcSpeedGainRemainTime", "lane_change", "speed_gain_remain_time_s", 20.0),
+    Attribute("lcKeepRight", "lane_change", "keep_right", 1.0),
+    Attribute("lcAssertive", "lane_change", "assertive", 1.0),
+    Attribute("lcLookaheadLeft", "lane_change", "look_ahead_left", 2.0),
+)
+
+
+def following(name: str, field: str, default: float | None = None, factor: float = 1.0, unit: str = "") -> Attribute:
+    """Return an attribute that is a field of the car-following model; see `Attribute`."""
+    return Attribute(name, "car_following", field, default, factor, unit)
+
+
+_BASIC = (
+    following("minGap", "jam_gap_m"),
+    following("tau", "time_gap_s", 1.0),
+    following("accel", "max_acceleration_mps2"),
+)
+SUMO_MODELS: dict[str, SumoModel] = {
+    "IDM": SumoModel(IDM, (*_BASIC, following("delta", "acceleration_exponent", 4.0))),
+    "Krauss": SumoModel(KRAUSS, (*_BASIC, following("sigma", "imperfection", 0.5))),
+    "W99": SumoModel(
+        WIEDEMANN_99_SUMO,
+        (
+            following("minGap", "cc0_standstill_gap_m"),
+            following("cc1", "cc1_time_gap_s", 1.3),
+            following("cc2", "cc2_following_variation_m", 8.0),
+            following("cc3", "cc3_following_threshold_s", -12.0),
+            following("cc4", "cc4_negative_speed_threshold_mps", -0.25),
+            following("cc5", "cc5_positive_speed_threshold_mps", 0.35),
+            following("cc6", "cc6_oscillation_speed_dependency", 6.0),
+            following("cc7", "cc7_oscillation_acceleration_mps2", 0.25),
+            following("cc8", "cc8_standstill_acceleration_mps2", 2.0),
+            following("cc9", "cc9_acceleration_at_80kmh_mps2", 1.5),
+        ),
+        follows_by_decel=False,
+    ),
 }
 
-MODEL_DEFAULTS: dict[str, dict[str, float]] = {
-    "IDM": {"tau": 1.0, "delta": 4.0},
-    "Krauss": {"tau": 1.0, "sigma": 0.5},
-    "W99": {
-        "cc1": 1.3, "cc2": 8.0, "cc3": -12.0, "cc4": -0.25, "cc5": 0.35,
-        "cc6": 6.0, "cc7": 0.25, "cc8": 2.0, "cc9": 1.5,
-    },
-}  # fmt: skip
 
-Place = Callable[[Any], Any]  # of a VehicleClass, whose models have fields of their own
-
-_COMMON: dict[str, Place] = {
-    "length": lambda c: c.length_m,
-    "maxSpeed": lambda c: c.max_speed_mps,
-    "speedFactor": lambda c: c.speed_factor_mean,
-    "speedDev": lambda c: c.speed_factor_deviation,
-    "decel": lambda c: c.car_following.max_deceleration_mps2,
-    "emergencyDecel": lambda c: c.car_following.emergency_deceleration_mps2,
-    "lcStrategic": lambda c: c.lane_change.strategic,
-    "lcCooperative": lambda c: c.lane_change.cooperative,
-    "lcCooperativeSpeed": lambda c: c.lane_change.cooperative_speed,
-    "lcSpeedGain": lambda c: c.lane_change.speed_gain,
-    "lcSpeedGainRight": lambda c: c.lane_change.speed_gain_right,
-    "lcSpeedGainRemainTime": lambda c: c.lane_change.speed_gain_remain_time_s,
-    "lcKeepRight": lambda c: c.lane_change.keep_right,
-    "lcAssertive": lambda c: c.lane_change.assertive,
-    "lcLookaheadLeft": lambda c: c.lane_change.look_ahead_left,
-}
-_IDM: dict[str, Place] = {
-    "minGap": lambda c: c.car_following.jam_gap_m,
-    "tau": lambda c: c.car_following.time_gap_s,
-    "accel": lambda c: c.car_following.max_acceleration_mps2,
-}
-_MODEL: dict[str, dict[str, Place]] = {
-    "IDM": _IDM | {"delta": lambda c: c.car_following.acceleration_exponent},
-    "Krauss": _IDM | {"sigma": lambda c: c.car_following.imperfection},
-    "W99": {
-        "minGap": lambda c: c.car_following.cc0_standstill_gap_m,
-        "cc1": lambda c: c.car_following.cc1_time_gap_s,
-        "cc2": lambda c: c.car_following.cc2_following_variation_m,
-        "cc3": lambda c: c.car_following.cc3_following_threshold_s,
-        "cc4": lambda c: c.car_following.cc4_negative_speed_threshold_mps,
-        "cc5": lambda c: c.car_following.cc5_positive_speed_threshold_mps,
-        "cc6": lambda c: c.car_following.cc6_oscillation_speed_dependency,
-        "cc7": lambda c: c.car_following.cc7_oscillation_acceleration_mps2,
-        "cc8": lambda c: c.car_following.cc8_standstill_acceleration_mps2,
-        "cc9": lambda c: c.car_following.cc9_acceleration_at_80kmh_mps2,
-    },
-}
-MODELS = tuple(_MODEL)
-# Of SUMO's models that the surrogate lacks; what a vehicle wants (a time gap, an acceleration) is the same there.
+# Of SUMO's models that the surrogate lacks; what a driver wants (a time gap, an acceleration) is the same there.
 NEAREST_MODEL = {
     "IDMM": "IDM", "EIDM": "IDM", "ACC": "IDM", "CACC": "IDM", "Wiedemann": "W99", "KraussOrig1": "Krauss",
     "KraussPS": "Krauss", "KraussX": "Krauss", "SmartSK": "Krauss", "Daniel1": "Krauss", "PWagner2009": "Krauss",
     "BKerner": "Krauss", "Rail": "Krauss",
 }  # fmt: skip
+# norm(mean, deviation) or normc(mean, deviation, least, most)
+SPEED_DISTRIBUTION = re.compile(r"(normc?)\(([^,)]*)(?:,([^,)]*))?((?:,[^,)]*){0,2})\)")
 
 
 @dataclass(frozen=True)
@@ -111,19 +144,41 @@ class UnknownAttributeError(ValueError):
         return f"unknown attribute '{self.attribute}'; known are {', '.join(self.known)}"
 
 
+def attributes_of(model: str) -> dict[str, Attribute]:
+    """Return the attributes that the surrogate knows for a car-following model, by name."""
+    return {one.name: one for one in (*SUMO_MODELS[model].attributes, *_COMMON)}
+
+
 def known_attributes(model: str) -> tuple[str, ...]:
-    """Return the attributes that the surrogate knows for a car-following model."""
-    return tuple(_MODEL[model]) + tuple(_COMMON)
+    """Return the names of the attributes that the surrogate knows for a car-following model."""
+    return tuple(attributes_of(model))
 
 
 def following_attributes(model: str) -> tuple[str, ...]:
     """Return the attributes that decide how a vehicle follows its leader."""
-    return tuple(_MODEL[model]) + (() if model == "W99" else ("decel",))  # SUMO's W99 takes decel for lane changes only
+    one = SUMO_MODELS[model]
+    return (*(attribute.name for attribute in one.attributes), *(("decel",) if one.follows_by_decel else ()))
+
+
+def habit_attributes(model: str) -> tuple[str, ...]:
+    """Return what a driver's time gap, acceleration and deceleration are called."""
+    fields = SUMO_MODELS[model].entry.model.habit_fields
+    attributes = [one for one in attributes_of(model).values() if one.record == "car_following"]
+    return tuple(one.name for field in fields for one in attributes if one.field == field)
+
+
+def parameter_of(model: str, attribute: Attribute) -> Parameter | None:
+    """Return the row that says what an attribute may be; None for what is no parameter of behaviour."""
+    if attribute.record == "car_following":
+        return SUMO_MODELS[model].entry.row(attribute.field)
+    if attribute.record == "lane_change":
+        return LC2013.row(attribute.field)
+    return next((row for row in DESIRED_SPEED if row.name == attribute.field), None)
 
 
 def nearest_model(name: str) -> str:
-    """The car-following model of the surrogate that is nearest to one of SUMO's."""
-    return name if name in MODELS else NEAREST_MODEL.get(name, "Krauss")
+    """The car-following model of `SUMO_MODELS` that is nearest to one of SUMO's."""
+    return name if name in SUMO_MODELS else NEAREST_MODEL.get(name, "Krauss")
 
 
 def attribute_values(
@@ -133,30 +188,27 @@ def attribute_values(
 
     Args:
         attributes: attributes as written in the file.
-        model: car-following model, one of `MODELS`.
-        said: numbers that SUMO itself gives for the vType; they stand for what the file does not say.
+        model: car-following model, one of `SUMO_MODELS`.
+        said: numbers that SUMO itself gives for the vType; they stand where the file is silent.
 
     Raises:
         ValueError: a value is not a number; the message names the attribute.
     """
-    defaults = COMMON_DEFAULTS | CLASS_DEFAULTS.get(attributes.get("vClass", "passenger"), CLASS_DEFAULTS["passenger"])
-    defaults = defaults | MODEL_DEFAULTS[model]
-    if said:
-        defaults |= {name: value for name, value in said.items() if name in defaults or name == "sigma"}
-        if model not in ("Krauss",) or defaults.get("sigma", 0.0) < 0.0:
-            defaults.pop("sigma", None)  # of models without imperfection SUMO says -1
-            defaults |= {"sigma": MODEL_DEFAULTS["Krauss"]["sigma"]} if model == "Krauss" else {}
+    known = attributes_of(model)
+    by_class = CLASS_DEFAULTS.get(attributes.get("vClass", "passenger"), CLASS_DEFAULTS["passenger"])
+    if said:  # of models without imperfection SUMO says -1
+        by_class = by_class | {name: value for name, value in said.items() if value >= 0.0}
     written = dict(attributes)
-    factor = written.get("speedFactor", "").replace(" ", "")
-    distribution = re.fullmatch(r"norm(c?)\(([^,)]*)(?:,([^,)]*))?(?:,[^)]*)?\)", factor)
+    distribution = SPEED_DISTRIBUTION.fullmatch(written.get("speedFactor", "").replace(" ", ""))
     if distribution:
         written["speedFactor"], written["speedDev"] = distribution.group(2), distribution.group(3) or "0"
     values: dict[str, float] = {}
-    for name in known_attributes(model):
+    for name, attribute in known.items():
         text = written.get(name)
         if text is None:
-            if name in defaults:
-                values[name] = defaults[name]
+            default = by_class.get(name, attribute.default)
+            if default is not None:
+                values[name] = default
             continue
         try:
             values[name] = float(text)
@@ -169,24 +221,13 @@ def attribute_values(
 
 def vehicle_class(values: Mapping[str, float], model: str) -> VehicleClass:
     """Return the surrogate's vehicle class for numeric attributes."""
-    v = {name: jnp.asarray(value, jnp.float32) for name, value in values.items()}
+    fields: dict[str, dict[str, Any]] = {"": {}, "car_following": {}, "lane_change": {}}
+    for name, one in attributes_of(model).items():
+        fields[one.record][one.field] = jnp.asarray(one.factor * values[name], jnp.float32)
     return VehicleClass(
-        car_following=_car_following(v, model),
-        lane_change=Lc2013(
-            strategic=v["lcStrategic"],
-            cooperative=v["lcCooperative"],
-            cooperative_speed=v["lcCooperativeSpeed"],
-            speed_gain=v["lcSpeedGain"],
-            speed_gain_right=v["lcSpeedGainRight"],
-            speed_gain_remain_time_s=v["lcSpeedGainRemainTime"],
-            keep_right=v["lcKeepRight"],
-            assertive=v["lcAssertive"],
-            look_ahead_left=v["lcLookaheadLeft"],
-        ),
-        length_m=v["length"],
-        max_speed_mps=v["maxSpeed"],
-        speed_factor_mean=v["speedFactor"],
-        speed_factor_deviation=v["speedDev"],
+        car_following=SUMO_MODELS[model].entry.assemble(fields["car_following"]),
+        lane_change=LC2013.assemble(fields["lane_change"]),
+        **fields[""],
     )
 
 
@@ -196,39 +237,12 @@ def with_attribute(vehicle_class: VehicleClass, model: str, attribute: str, valu
     Raises:
         UnknownAttributeError: the surrogate does not know it.
     """
-    place = (_MODEL[model] | _COMMON).get(attribute)
-    if place is None:
-        raise UnknownAttributeError(attribute, known_attributes(model))
-    changed = eqx.tree_at(place, vehicle_class, value)
+    known = attributes_of(model)
+    if attribute not in known:
+        raise UnknownAttributeError(attribute, tuple(known))
+    one = known[attribute]
+    changed = eqx.tree_at(one.of, vehicle_class, value if one.factor == 1.0 else one.factor * value)
     if attribute == "decel":  # SUMO never lets the emergency deceleration lie below
         emergency = jnp.maximum(changed.car_following.emergency_deceleration_mps2, value)
         changed = eqx.tree_at(lambda c: c.car_following.emergency_deceleration_mps2, changed, emergency)
     return changed
-
-
-def _car_following(v: Mapping[str, Any], model: str) -> CarFollowingModel:
-    if model == "W99":
-        return Wiedemann99Sumo(  # pyright: ignore[reportCallIssue]  # three common fields are properties there
-            cc0_standstill_gap_m=v["minGap"],
-            cc1_time_gap_s=v["cc1"],
-            cc2_following_variation_m=v["cc2"],
-            cc3_following_threshold_s=v["cc3"],
-            cc4_negative_speed_threshold_mps=v["cc4"],
-            cc5_positive_speed_threshold_mps=v["cc5"],
-            cc6_oscillation_speed_dependency=v["cc6"],
-            cc7_oscillation_acceleration_mps2=v["cc7"],
-            cc8_standstill_acceleration_mps2=v["cc8"],
-            cc9_acceleration_at_80kmh_mps2=v["cc9"],
-            max_deceleration_mps2=v["decel"],
-            emergency_deceleration_mps2=v["emergencyDecel"],
-        )
-    shared = {
-        "jam_gap_m": v["minGap"],
-        "time_gap_s": v["tau"],
-        "max_acceleration_mps2": v["accel"],
-        "max_deceleration_mps2": v["decel"],
-        "emergency_deceleration_mps2": v["emergencyDecel"],
-    }
-    if model == "IDM":
-        return Idm(**shared, acceleration_exponent=v["delta"])
-    return Krauss(**shared, imperfection=v["sigma"])

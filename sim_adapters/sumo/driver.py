@@ -21,7 +21,7 @@ from sim_adapters.sumo.surroundings import Surroundings, vehicle_arrays
 from sim_adapters.world.logged_drive import LoggedDrive, choose
 from sim_adapters.world.world_builder import WorldTemplate
 from surrogate.inflow.inflow import subject_identity
-from surrogate.lane_change.place import Place
+from surrogate.lane_change.vehicles_on_road import VehiclesOnRoad
 from surrogate.loop.kinematics import move
 from surrogate.loop.step import look_up_lane
 from surrogate.loop.world import Clock
@@ -232,7 +232,7 @@ def _control(
     step_s: float,
 ) -> tuple[Float[Array, ""], Int[Array, ""], Float[Array, ""]]:
     """Return the subject vehicle's next speed, the lane change it begins, and the acceleration it plans to keep."""
-    place = Place(vehicles, road, head)
+    on_road = VehiclesOnRoad(vehicles, road, head)
     direction = jnp.asarray(STAY, jnp.int32)
     if planner is not None:
         view = look_around(vehicles, head, road, classes, len(classes) - 1, planner.ahead_m, planner.behind_m)
@@ -244,7 +244,7 @@ def _control(
         direction, held_mps2 = jax.lax.cond(plans, again, lambda: (direction, held_mps2))
         own_advice = vehicles.own_advice_mps2.at[entry].set(held_mps2)
         vehicles = with_changes(vehicles, own_advice_mps2=own_advice)
-    vehicles = look_up_lane(vehicles, place)
+    vehicles = look_up_lane(vehicles, on_road)
     nobody_asks = jnp.ones_like(vehicles.speed_mps)
     vehicles = with_changes(vehicles, identity=vehicles.identity.at[entry].set(identity))
     moved, _ = move(vehicles, own_leader(vehicles), classes, nobody_asks, seed, step, step_s)

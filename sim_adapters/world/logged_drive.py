@@ -1,4 +1,4 @@
-"""Logged drives on the clock of the simulators, for subject vehicles that replay them."""
+"""Logged drives on the clock of the simulators, for subject vehicles that repeat them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 from scipy.interpolate import CubicHermiteSpline
 
-from surrogate.subject.logged_drive import Replay
+from surrogate.subject.logged_drive import LoggedMotion
 
 
 @dataclass(frozen=True)
@@ -72,13 +72,13 @@ def resample(
 
 
 def choose(drives: Sequence[LoggedDrive], depart_s: float, seed: int) -> int:
-    """Return which drive a run replays: of those that depart when it does, one by its seed in turn; 0 if none does."""
+    """Return which drive a run repeats: of those that depart when it does, one by its seed in turn; 0 if none does."""
     same = [index for index, drive in enumerate(drives) if abs(drive.depart_s - depart_s) < 1e-3]
     return same[seed % len(same)] if same else 0
 
 
-def replay_of(drives: Sequence[LoggedDrive], depart_s: Float[Array, ""], seed: Int[Array, ""]) -> Replay:
-    """Return the drives for the surrogate, with the one that this run replays; as `choose`, on traced values.
+def logged_motion_of(drives: Sequence[LoggedDrive], depart_s: Float[Array, ""], seed: Int[Array, ""]) -> LoggedMotion:
+    """Return the drives for the surrogate, with the one that this run repeats; as `choose`, on traced values.
 
     Raises:
         ValueError: there are no drives.
@@ -94,7 +94,7 @@ def replay_of(drives: Sequence[LoggedDrive], depart_s: Float[Array, ""], seed: I
     same = jnp.abs(departs - depart_s) < 1e-3
     number = jnp.cumsum(same) - 1
     wanted = seed % jnp.maximum(jnp.sum(same), 1)
-    return Replay(
+    return LoggedMotion(
         position_m=jnp.asarray(table([drive.position_m for drive in drives]), jnp.float32),
         speed_mps=jnp.asarray(table([drive.speed_mps for drive in drives]), jnp.float32),
         row=jnp.asarray(table([drive.row for drive in drives]), jnp.int32),

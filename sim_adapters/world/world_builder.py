@@ -15,14 +15,14 @@ from sim_adapters.scenario.scenario import Scenario
 from sim_adapters.scenario.sumo_names import vehicle_class, with_attribute
 from sim_adapters.units import SECONDS_PER_HOUR
 from sim_adapters.world.distant_vtypes import check_distant_vtypes
-from sim_adapters.world.logged_drive import LoggedDrive, replay_of
+from sim_adapters.world.logged_drive import LoggedDrive, logged_motion_of
 from surrogate.effects.apply import NUM_CLASSES_OF_EFFECTS, classes_with_effects, true_inputs
 from surrogate.effects.settings import Effects
 from surrogate.inflow.inflow import Inflow, SubjectPlan
 from surrogate.loop.distant import DistantDrivers, distant_class
 from surrogate.loop.world import World
 from surrogate.road.road import Road
-from surrogate.subject.logged_drive import Replay
+from surrogate.subject.logged_drive import LoggedMotion
 from surrogate.subject.planner import Planner
 from surrogate.subject.registry import REPLAY, SubjectModel
 from surrogate.vehicle.vehicle_class import VehicleClass
@@ -54,7 +54,7 @@ class WorldTemplate:
         subject_destination: its destination.
         subject_model: who drives it.
         sensor_range_m: how far it sees ahead and behind; its planner knows no more.
-        logged_drives: what it replays, if it does; put in with `dataclasses.replace`.
+        logged_drives: the drives that it repeats, if it does; put in with `dataclasses.replace`.
         distant_vtypes: vType as which each of these vTypes follows beyond the sensors' range.
     """
 
@@ -159,9 +159,9 @@ class WorldTemplate:
         distant = tuple(self.class_names.index(name) for name in self.distant_vtypes.values())
         return DistantDrivers(near, distant, *self.sensor_range_m)
 
-    def _driver(self, depart_s: Float[Array, ""], seed: Int[Array, ""]) -> Planner | Replay | None:
+    def _driver(self, depart_s: Float[Array, ""], seed: Int[Array, ""]) -> Planner | LoggedMotion | None:
         if self.subject_model.name == REPLAY:
-            return replay_of(self.logged_drives, depart_s, seed)
+            return logged_motion_of(self.logged_drives, depart_s, seed)
         return self.subject_model.planner(*self.sensor_range_m)
 
     def batch_axes(self, has_effects: bool = False) -> World:
@@ -175,7 +175,7 @@ class WorldTemplate:
         )
         inflow = Inflow(**(shared | {"flow_share": 0}))  # pyright: ignore[reportArgumentType]
         effects = 0 if has_effects else None
-        driver = Replay(None, None, None, None, None, log=0) if self.subject_model.name == REPLAY else None  # pyright: ignore
+        driver = LoggedMotion(None, None, None, None, None, log=0) if self.subject_model.name == REPLAY else None  # pyright: ignore
         return World(None, inflow, 0, 0, subject, 0, effects, driver, self._distant())  # pyright: ignore[reportArgumentType]
 
     def _classes(self, behaviour: Float[Array, " parameter"]) -> tuple[VehicleClass, ...]:

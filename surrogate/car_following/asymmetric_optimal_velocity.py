@@ -3,8 +3,10 @@
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from surrogate.car_following.common_parameters import EMERGENCY, JAM_GAP, MAX_ACCELERATION, TIME_GAP
 from surrogate.car_following.late_braking import LateBrakingModel
 from surrogate.vehicle.car_following_model import FollowingSituation
+from surrogate.vehicle.model_entry import ModelEntry, Parameter
 
 Value = Float[Array, "..."]
 FARTHEST_GAP_M = 1e4
@@ -54,3 +56,13 @@ class AsymmetricOptimalVelocity(LateBrakingModel):
         cruise = self.cruise_rate_1ps * (situation.desired_speed_mps - v)
         wanted = jnp.where(situation.gap_m < jnp.inf, jnp.minimum(follow, cruise), cruise)
         return jnp.minimum(wanted, self.max_acceleration_mps2)
+
+
+ASYMMETRIC_OPTIMAL_VELOCITY = ModelEntry(
+    "aovrv", "asymmetric optimal velocity relative velocity model", AsymmetricOptimalVelocity,
+    (JAM_GAP, TIME_GAP, Parameter("accelerating_gap_rate_1ps2", 0.08, 0.001, 0.5),
+     Parameter("accelerating_speed_rate_1ps", 0.3, 0.0, 2.0),
+     Parameter("decelerating_gap_rate_1ps2", 0.09, 0.001, 0.5),
+     Parameter("decelerating_speed_rate_1ps", 0.5, 0.0, 2.0), MAX_ACCELERATION),
+    EMERGENCY | {"cruise_rate_1ps": 0.4, "max_deceleration_mps2": 3.0},
+)  # fmt: skip

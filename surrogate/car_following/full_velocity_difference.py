@@ -3,8 +3,10 @@
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from surrogate.car_following.common_parameters import EMERGENCY, JAM_GAP, MAX_ACCELERATION, STOPS
 from surrogate.car_following.late_braking import LateBrakingModel
 from surrogate.vehicle.car_following_model import FollowingSituation
+from surrogate.vehicle.model_entry import ModelEntry, Parameter
 
 Value = Float[Array, "..."]
 FARTHEST_GAP_M = 1e4
@@ -55,3 +57,12 @@ class FullVelocityDifference(LateBrakingModel):
         room = jnp.clip(gap_m - self.jam_gap_m, 0.0, FARTHEST_GAP_M)
         share = jnp.tanh(room / self.gap_scale_m - self.form_factor) + jnp.tanh(self.form_factor)
         return desired_speed_mps * share / (1.0 + jnp.tanh(self.form_factor))
+
+
+FULL_VELOCITY_DIFFERENCE = ModelEntry(
+    "fvd", "full velocity difference model", FullVelocityDifference,
+    (JAM_GAP, Parameter("relaxation_rate_1ps", 0.4, 0.02, 2.0), Parameter("speed_difference_rate_1ps", 0.6, 0.0, 2.0),
+     Parameter("interaction_gap_m", 120.0, 20.0, 200.0), Parameter("gap_scale_m", 15.0, 2.0, 60.0),
+     Parameter("form_factor", 1.5, 0.0, 4.0), MAX_ACCELERATION),
+    EMERGENCY | {name: STOPS[name] for name in ("time_gap_s", "max_deceleration_mps2")},
+)  # fmt: skip

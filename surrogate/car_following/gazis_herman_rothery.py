@@ -3,8 +3,10 @@
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from surrogate.car_following.common_parameters import EMERGENCY, MAX_ACCELERATION, STOPS
 from surrogate.car_following.late_braking import LateBrakingModel
 from surrogate.vehicle.car_following_model import FollowingSituation
+from surrogate.vehicle.model_entry import ModelEntry, Parameter
 
 Value = Float[Array, "..."]
 SMALLEST_SPEED_MPS = 0.1  # else a driver who stands would stand for ever
@@ -51,3 +53,11 @@ class GazisHermanRothery(LateBrakingModel):
         gain = self.sensitivity * jnp.exp(self.speed_exponent * jnp.log(v) - self.gap_exponent * jnp.log(gap))
         follow = gain * (situation.leader_speed_mps - situation.speed_mps)
         return jnp.where(has_leader, jnp.minimum(follow, free), free)
+
+
+GAZIS_HERMAN_ROTHERY = ModelEntry(
+    "ghr", "model of Gazis, Herman and Rothery", GazisHermanRothery,
+    (Parameter("sensitivity", 1.1, 0.01, 10.0, own_unit="m^gamma (m/s)^-beta / s"),
+     Parameter("speed_exponent", 0.9, -1.0, 2.0), Parameter("gap_exponent", 1.0, -1.0, 3.0), MAX_ACCELERATION),
+    EMERGENCY | STOPS,
+)  # fmt: skip

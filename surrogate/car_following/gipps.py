@@ -3,8 +3,10 @@
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from surrogate.car_following.common_parameters import EMERGENCY, JAM_GAP, MAX_ACCELERATION, MAX_DECELERATION
 from surrogate.car_following.late_braking import LateBrakingModel
 from surrogate.vehicle.car_following_model import FollowingSituation
+from surrogate.vehicle.model_entry import ModelEntry, Parameter
 
 Value = Float[Array, "..."]
 FARTHEST_GAP_M = 1e6
@@ -45,3 +47,11 @@ class Gipps(LateBrakingModel):
         square = b * (b * tau * tau + 2.0 * room - v * tau + vl * vl / self.leader_deceleration_mps2)
         safe = jnp.sqrt(jnp.maximum(square, SMALLEST_SPEED_MPS**2)) - b * tau
         return (jnp.minimum(free, safe) - v) / tau
+
+
+GIPPS = ModelEntry(
+    "gipps", "Gipps' model", Gipps,
+    (JAM_GAP, Parameter("time_gap_s", 0.8, 0.2, 2.5), MAX_ACCELERATION, MAX_DECELERATION,
+     Parameter("leader_deceleration_mps2", 3.0, 0.5, 8.0)),
+    EMERGENCY,
+)  # fmt: skip

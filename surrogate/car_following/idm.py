@@ -3,7 +3,9 @@
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from surrogate.car_following.common_parameters import BASIC, EMERGENCY, KESTING_TREIBER
 from surrogate.vehicle.car_following_model import CarFollowingModel, FollowingSituation
+from surrogate.vehicle.model_entry import ModelEntry, Parameter
 
 Value = Float[Array, "..."]
 SMALLEST_RATIO = 1e-9  # of speed to desired speed
@@ -102,3 +104,10 @@ def idm_acceleration(
     free_road = jnp.exp(model.acceleration_exponent * jnp.log(jnp.maximum(speed_ratio, SMALLEST_RATIO)))
     interaction = (desired_gap_m / jnp.maximum(gap_m, SMALLEST_GAP_M)) ** 2
     return model.max_acceleration_mps2 * (1.0 - free_road - interaction)
+
+
+IDM = ModelEntry(
+    "idm", "intelligent driver model", Idm,
+    (*BASIC, Parameter("acceleration_exponent", 4.0, 1.0, 10.0, traffic=(1.0, 8.0))),
+    EMERGENCY, KESTING_TREIBER,
+)  # fmt: skip

@@ -3,8 +3,10 @@
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from surrogate.car_following.common_parameters import BASIC, EMERGENCY, KESTING_TREIBER
 from surrogate.car_following.idm import SMALLEST_GAP_M, SMALLEST_RATIO, Idm, idm_dynamic_gap_m
 from surrogate.vehicle.car_following_model import FollowingSituation
+from surrogate.vehicle.model_entry import ModelEntry, Parameter
 
 Value = Float[Array, "..."]
 SMALLEST_SHARE = 1e-3  # of gap ratio and of free acceleration, where their powers would overflow
@@ -62,3 +64,13 @@ class ImprovedIdm(Idm):
 
 def _power(base: Value, exponent: Value) -> Value:
     return jnp.exp(exponent * jnp.log(jnp.maximum(base, SMALLEST_RATIO)))
+
+
+IMPROVED_IDM = ModelEntry(
+    "iidm", "improved intelligent driver model", ImprovedIdm,
+    BASIC, EMERGENCY | {"acceleration_exponent": 4.0, "coolness": 0.0}, KESTING_TREIBER,
+)  # fmt: skip
+ACC = ModelEntry(
+    "acc", "improved IDM with the constant-acceleration heuristic", ImprovedIdm,
+    (*BASIC, Parameter("coolness", 0.99, 0.0, 1.0)), EMERGENCY | {"acceleration_exponent": 4.0}, KESTING_TREIBER,
+)  # fmt: skip

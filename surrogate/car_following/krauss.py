@@ -3,9 +3,11 @@
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from surrogate.car_following.common_parameters import BASIC, EMERGENCY, KESTING_TREIBER
 from surrogate.car_following.late_braking import LateBrakingModel
 from surrogate.car_following.safe_speed import emergency_follow_speed_mps, safe_follow_speed_mps
 from surrogate.vehicle.car_following_model import FollowingSituation
+from surrogate.vehicle.model_entry import ModelEntry, Parameter
 
 Value = Float[Array, "..."]
 
@@ -43,3 +45,10 @@ class Krauss(LateBrakingModel):
         scale = jnp.where(wanted < self.max_acceleration_mps2 * step_s, wanted, self.max_acceleration_mps2 * step_s)
         dawdled = jnp.maximum(0.0, wanted - self.imperfection * scale * situation.uniform)
         return (dawdled - v) / step_s
+
+
+# dawdling is chance, which the replay of a pair leaves out
+KRAUSS = ModelEntry(
+    "krauss", "Krauss' model as SUMO computes it, without dawdling", Krauss,
+    (*BASIC, Parameter("imperfection", 0.0, 0.0, 1.0, is_fitted=False)), EMERGENCY, KESTING_TREIBER,
+)  # fmt: skip

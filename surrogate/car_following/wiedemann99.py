@@ -5,6 +5,7 @@ here, which a calibration that is confirmed in SUMO needs, and `wiedemann99_viss
 """
 
 import abc
+import dataclasses
 from collections.abc import Mapping
 from types import MappingProxyType
 from typing import ClassVar
@@ -12,13 +13,16 @@ from typing import ClassVar
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from surrogate.car_following.common_parameters import EMERGENCY
 from surrogate.car_following.late_braking import LateBrakingModel
 from surrogate.vehicle.car_following_model import FollowingSituation
+from surrogate.vehicle.model_entry import ModelEntry, Parameter
 
 Value = Float[Array, "..."]
 SPEED_OF_CC9_MPS = 80.0 / 3.6
 HARDEST_BRAKING_MPS2 = 10.0
 TOUCHING_SHARE = 0.1
+FARTHEST_GAP_M = 1e4
 
 
 class Wiedemann99(LateBrakingModel):
@@ -116,58 +120,67 @@ class Wiedemann99Sumo(Wiedemann99):
 
     def follow_acceleration(self, situation: FollowingSituation) -> Value:
         """Return the acceleration of the four regimes, in SUMO's order."""
-        v, dx, vl = situation.speed_mps, situation.gap_m, situation.leader_speed_mps
-        al, last = situation.leader_acceleration_mps2, situation.acceleration_mps2
-        dv = vl - v
-        cc0, cc4, cc5 = (
-            self.cc0_standstill_gap_m,
-            self.cc4_negative_speed_threshold_mps,
-            self.cc5_positive_speed_threshold_mps,
-        )
-        cc7 = self.cc7_oscillation_acceleration_mps2
+        v, vl, al = situation.speed_mps, situation.leader_speed_mps, situation.leader_acceleration_mps2
+        dv, dx = vl - v, seen_gap_m(situation)
+        cc4, cc5 = self.cc4_negative_speed_threshold_mps, self.cc5_positive_speed_threshold_mps
         slower = jnp.where((dv >= 0.0) | (al < 1.0), v, vl + dv * (situation.uniform - 0.5))
-        sdxc = cc0 + jnp.where(vl > 0.0, self.cc1_time_gap_s * jnp.maximum(0.0, slower), 0.0)
+        sdxc = self.cc0_standstill_gap_m + jnp.where(vl > 0.0, self.cc1_time_gap_s * jnp.maximum(0.0, slower), 0.0)
         sdxo = sdxc + self.cc2_following_variation_m
-        sdxv = sdxo + self.cc3_following_threshold_s * (dv - cc4)
-        finite_dx = jnp.minimum(dx, 1e4)  # no leader: thresholds stay finite, every regime but "free" stays closed
-        sdv = self.cc6_oscillation_speed_dependency * finite_dx * finite_dx * 1e-4
-        sdvc = jnp.where(v > 0.0, cc4 - sdv, 0.0)
-        sdvo = sdv + jnp.where(vl > cc5, cc5, 0.0)
+        sdv = self.cc6_oscillation_speed_dependency * dx * dx * 1e-4
+        thresholds = Thresholds(
+            sdxc_m=sdxc,
+            sdxo_m=sdxo,
+            sdxv_m=sdxo + self.cc3_following_threshold_s * (dv - cc4),
+            sdvc_mps=jnp.where(v > 0.0, cc4 - sdv, 0.0),
+            sdvo_mps=sdv + jnp.where(vl > cc5, cc5, 0.0),
+        )
         free = self.cc8_standstill_acceleration_mps2 + situation.uniform
         free = free + self.cc9_acceleration_at_80kmh_mps2 * jnp.minimum(v, SPEED_OF_CC9_MPS)
-        bound = jnp.zeros_like(v)
-        return _regimes(self, v, vl, dv, finite_dx, al, last, sdxc, sdxo, sdxv, sdvc, sdvo, bound, free, cc7)
+        return _regime_acceleration(self, situation, thresholds, free)
 
 
-def _regimes(
-    model: Wiedemann99,
-    v: Value,
-    vl: Value,
-    dv: Value,
-    dx: Value,
-    al: Value,
-    last: Value,
-    sdxc: Value,
-    sdxo: Value,
-    sdxv: Value,
-    sdvc: Value,
-    sdvo: Value,
-    too_close_bound: Value,
-    free: Value,
-    cc7: Value,
+@dataclasses.dataclass(frozen=True)
+class Thresholds:
+    """The perception thresholds of a driver, named as in Wiedemann's equations.
+
+    Attributes:
+        sdxc_m: least gap that is kept while following.
+        sdxo_m: largest gap while following.
+        sdxv_m: gap at which braking for a slower leader begins.
+        sdvc_mps: leader's speed less own that is noticed as closing.
+        sdvo_mps: leader's speed less own that is noticed as opening.
+    """
+
+    sdxc_m: Value
+    sdxo_m: Value
+    sdxv_m: Value
+    sdvc_mps: Value
+    sdvo_mps: Value
+
+
+def seen_gap_m(situation: FollowingSituation) -> Value:
+    """Return the gap, finite without a leader: thresholds stay finite, and every regime but "free" stays closed."""
+    return jnp.minimum(situation.gap_m, FARTHEST_GAP_M)
+
+
+def _regime_acceleration(
+    model: Wiedemann99, situation: FollowingSituation, thresholds: Thresholds, free: Value
 ) -> Value:
     """Return the acceleration of the regime that the thresholds select.
 
     The regimes, in the order in which they are tried: too close (increase the distance), closing in (brake), following
     (oscillate), free (accelerate or keep the speed).
     """
-    cc0 = model.cc0_standstill_gap_m
+    v, vl, al = situation.speed_mps, situation.leader_speed_mps, situation.leader_acceleration_mps2
+    dv, dx, last = vl - v, seen_gap_m(situation), situation.acceleration_mps2
+    cc0, cc7 = model.cc0_standstill_gap_m, model.cc7_oscillation_acceleration_mps2
+    sdxc, sdxo = thresholds.sdxc_m, thresholds.sdxo_m
     # every divisor is kept away from 0 on the side that its own regime needs; elsewhere the value is not used
     away = jnp.minimum(cc0 - dx, -1e-3)
     closing = jnp.where(
         dx > cc0,
-        jnp.minimum(al + dv * dv / away, too_close_bound),
-        jnp.minimum(al + 0.5 * (dv - sdvo), too_close_bound),
+        jnp.minimum(al + dv * dv / away, jnp.zeros_like(v)),
+        jnp.minimum(al + 0.5 * (dv - thresholds.sdvo_mps), jnp.zeros_like(v)),
     )
     closing = jnp.where(dv < 0.0, closing, 0.0)
     too_close = jnp.where(
@@ -180,7 +193,28 @@ def _regimes(
     follow = jnp.where(last <= 0.0, jnp.minimum(last, -cc7), jnp.maximum(last, cc7))
     opening = jnp.minimum(dv * dv / jnp.maximum(sdxo - dx, 1e-3), free)
     keep = jnp.where(dx > sdxc, jnp.where(dx < sdxo, opening, free), 0.0)
-    is_too_close = (dv < sdvo) & (dx <= sdxc)
-    is_closing = (dv < sdvc) & (dx < sdxv)
-    is_following = (dv < sdvo) & (dx < sdxo)
+    is_too_close = (dv < thresholds.sdvo_mps) & (dx <= sdxc)
+    is_closing = (dv < thresholds.sdvc_mps) & (dx < thresholds.sdxv_m)
+    is_following = (dv < thresholds.sdvo_mps) & (dx < sdxo)
     return jnp.where(is_too_close, too_close, jnp.where(is_closing, brake, jnp.where(is_following, follow, keep)))
+
+
+# SUMO takes decel for stops and lane changes only, so pairs do not show it
+WIEDEMANN_99_ROWS = (
+    Parameter("cc0_standstill_gap_m", 1.5, 0.5, 5.0, is_logarithmic=True),
+    Parameter("cc1_time_gap_s", 0.9, 0.3, 3.0, traffic=(0.4, 3.0), is_logarithmic=True),
+    Parameter("cc2_following_variation_m", 4.0, 0.5, 15.0, traffic=(1.0, 15.0), is_logarithmic=True),
+    Parameter("cc3_following_threshold_s", -8.0, -30.0, -2.0, traffic=(-20.0, -3.0)),
+    Parameter("cc4_negative_speed_threshold_mps", -0.35, -2.0, -0.05, traffic=(-2.0, -0.02)),
+    Parameter("cc5_positive_speed_threshold_mps", 0.35, 0.05, 2.0, traffic=(0.02, 2.0)),
+    Parameter("cc6_oscillation_speed_dependency", 11.44, 0.5, 20.0, traffic=(0.0, 20.0), own_unit="1e-4/(m s)"),
+    Parameter("cc7_oscillation_acceleration_mps2", 0.25, 0.02, 1.0, traffic=(0.02, 1.2), is_logarithmic=True),
+    Parameter("cc8_standstill_acceleration_mps2", 2.5, 0.5, 4.0, traffic=(0.5, 5.0), is_logarithmic=True),
+    Parameter("cc9_acceleration_at_80kmh_mps2", 1.5, 0.3, 3.0, traffic=(0.1, 4.0), is_logarithmic=True),
+    Parameter("max_deceleration_mps2", 4.5, 1.0, 9.0, is_logarithmic=True, step=0.12, is_fitted=False),
+)
+WIEDEMANN_99_SOURCE = "bounds of PTV's and pvctools' calibrations"
+WIEDEMANN_99_SUMO = ModelEntry(
+    "w99-sumo128", "Wiedemann 99 as SUMO 1.28 computes it", Wiedemann99Sumo,
+    WIEDEMANN_99_ROWS, EMERGENCY, WIEDEMANN_99_SOURCE,
+)  # fmt: skip

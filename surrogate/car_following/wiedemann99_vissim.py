@@ -49,14 +49,23 @@ from typing import ClassVar
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from surrogate.car_following.wiedemann99 import HARDEST_BRAKING_MPS2, SPEED_OF_CC9_MPS, Wiedemann99
+from surrogate.car_following.common_parameters import EMERGENCY
+from surrogate.car_following.wiedemann99 import (
+    HARDEST_BRAKING_MPS2,
+    SPEED_OF_CC9_MPS,
+    WIEDEMANN_99_ROWS,
+    WIEDEMANN_99_SOURCE,
+    Thresholds,
+    Wiedemann99,
+    seen_gap_m,
+)
 from surrogate.vehicle.car_following_model import FollowingSituation
+from surrogate.vehicle.model_entry import ModelEntry
 
 Value = Float[Array, "..."]
 LEADER_BRAKES_BELOW_MPS2 = -1.0
 CLOSING_MARGIN_M = 0.1
 SMALLEST_DIVISOR_M = 1e-3
-FARTHEST_GAP_M = 1e4
 
 
 class Wiedemann99Vissim(Wiedemann99):
@@ -73,7 +82,7 @@ class Wiedemann99Vissim(Wiedemann99):
         """Return the acceleration of the four regimes, (7) to (10)."""
         v, vl, al = situation.speed_mps, situation.leader_speed_mps, situation.leader_acceleration_mps2
         dv, last = vl - v, situation.acceleration_mps2
-        dx = jnp.minimum(situation.gap_m, FARTHEST_GAP_M)
+        dx = seen_gap_m(situation)
         cc0, cc7 = self.cc0_standstill_gap_m, self.cc7_oscillation_acceleration_mps2
         t = thresholds(self, situation)
 
@@ -104,22 +113,11 @@ class Wiedemann99Vissim(Wiedemann99):
         )
 
 
-@dataclasses.dataclass(frozen=True)
-class Thresholds:
-    """The perception thresholds (1) to (6), named as in the equations."""
-
-    sdxc_m: Value
-    sdxo_m: Value
-    sdxv_m: Value
-    sdvc_mps: Value
-    sdvo_mps: Value
-
-
 def thresholds(model: Wiedemann99Vissim, situation: FollowingSituation) -> Thresholds:
     """Return the perception thresholds, equations (1) to (6)."""
     v, vl = situation.speed_mps, situation.leader_speed_mps
     dv = vl - v
-    dx = jnp.minimum(situation.gap_m, FARTHEST_GAP_M)
+    dx = seen_gap_m(situation)
     cc4, cc5 = model.cc4_negative_speed_threshold_mps, model.cc5_positive_speed_threshold_mps
     is_alert = (dv >= 0.0) | (situation.leader_acceleration_mps2 < LEADER_BRAKES_BELOW_MPS2)
     slower_mps = jnp.maximum(0.0, jnp.where(is_alert, v, vl + dv * (situation.uniform - 0.5)))
@@ -146,3 +144,9 @@ def free_acceleration_mps2(model: Wiedemann99Vissim, speed_mps: Value) -> Value:
 def vissim_from_sumo(model: Wiedemann99) -> Wiedemann99Vissim:
     """Return VISSIM's model with the parameters of another W99, e.g. the one that SUMO's attributes give."""
     return Wiedemann99Vissim(**{field.name: getattr(model, field.name) for field in dataclasses.fields(model)})  # pyright: ignore[reportCallIssue]
+
+
+WIEDEMANN_99_VISSIM = ModelEntry(
+    "w99-vissim", "Wiedemann 99 as VISSIM means it", Wiedemann99Vissim,
+    WIEDEMANN_99_ROWS, EMERGENCY, WIEDEMANN_99_SOURCE,
+)  # fmt: skip

@@ -27,7 +27,7 @@ SensorMemory = dict[str, Any]
 
 
 def true_inputs(effects: Effects, inputs_vehph: Float[Array, " input"]) -> Float[Array, " input"]:
-    """Return the inflows that there really are."""
+    """The inflows that there really are."""
     for effect in EFFECTS:
         if effect.inputs is not None:
             inputs_vehph = effect.inputs(effects.dial(effect.name), inputs_vehph)
@@ -35,18 +35,18 @@ def true_inputs(effects: Effects, inputs_vehph: Float[Array, " input"]) -> Float
 
 
 def classes_with_effects(classes: tuple[VehicleClass, ...], effects: Effects) -> tuple[VehicleClass, ...]:
-    """Return the classes as they really are: those of human drivers, those that effects add, the subject vehicle's."""
+    """The classes as they really are: those of human drivers, those that effects add, the subject vehicle's."""
     *humans, subject = classes
     added = [effect.new_class(effects.dial(effect.name), humans[0]) for effect in EFFECTS if effect.new_class]
     everybody = [*humans, *added]
     for effect in EFFECTS:
         if effect.behaviour is not None:
-            everybody = [effect.behaviour(effects.dial(effect.name), one) for one in everybody]
+            everybody = [effect.behaviour(effects.dial(effect.name), vehicle_class) for vehicle_class in everybody]
     return (*everybody, subject)
 
 
 def true_arrival(effects: Effects, gap: Float[Array, " entrance"], arrivals: Arrivals) -> Float[Array, " entrance"]:
-    """Return the demand [veh] until the next vehicle arrives."""
+    """The demand [veh] until the next vehicle arrives."""
     for effect in EFFECTS:
         if effect.arrival is not None:
             gap = effect.arrival(effects.dial(effect.name), gap, arrivals)
@@ -56,7 +56,7 @@ def true_arrival(effects: Effects, gap: Float[Array, " entrance"], arrivals: Arr
 def true_newcomers(
     effects: Effects, newcomers: Newcomers, classes: tuple[VehicleClass, ...], seed: Int[Array, ""]
 ) -> Newcomers:
-    """Return who really asks to enter."""
+    """The drivers who really ask to enter."""
     added = len(classes) - 1 - NUM_CLASSES_OF_EFFECTS
     for effect in EFFECTS:
         if effect.newcomer is not None:
@@ -67,7 +67,7 @@ def true_newcomers(
 
 
 def with_memories(effects: Effects, vehicles: VehicleArrays, seed: Int[Array, ""]) -> VehicleArrays:
-    """Return vehicles that have just come, with what effects know of them."""
+    """Vehicles that have just come, with what effects know of them."""
     personal = {
         effect.name: effect.begin(effects.dial(effect.name), vehicles, seed)
         for effect in EFFECTS
@@ -78,15 +78,15 @@ def with_memories(effects: Effects, vehicles: VehicleArrays, seed: Int[Array, ""
 
 
 def road_demands(effects: Effects, vehicles: VehicleArrays, road: Road, moment: Moment) -> VehicleArrays:
-    """Return the vehicles with the limits and stops that there really are; asked when lanes are decided about."""
+    """The vehicles with the limits and stops that there really are; asked when lanes are decided about."""
     for effect in EFFECTS:
         if effect.road is not None:
             vehicles = effect.road(effects.dial(effect.name), vehicles, road, moment)
     return vehicles
 
 
-def perceived(effects: Effects, situation: FollowingSituation, moment: Moment) -> FollowingSituation:
-    """Return the situation as drivers see it."""
+def perceive_situation(effects: Effects, situation: FollowingSituation, moment: Moment) -> FollowingSituation:
+    """The situation as drivers see it."""
     for effect in EFFECTS:
         if effect.perceive is not None:
             situation = effect.perceive(effects.dial(effect.name), situation, moment)
@@ -94,7 +94,7 @@ def perceived(effects: Effects, situation: FollowingSituation, moment: Moment) -
 
 
 def habits_of(effects: Effects, moment: Moment) -> Habits:
-    """Return how drivers differ from their classes now."""
+    """Differences of drivers from their classes now."""
     habits = Habits.usual(moment.vehicles.speed_mps)
     for effect in EFFECTS:
         if effect.adapt is not None:
@@ -102,24 +102,26 @@ def habits_of(effects: Effects, moment: Moment) -> Habits:
     return habits
 
 
-def ordered(effects: Effects, acceleration: Value, desired_mps: Value, model: CarFollowingMix, moment: Moment) -> Value:
-    """Return the acceleration that drivers order."""
+def order_acceleration(
+    effects: Effects, acceleration: Value, desired_mps: Value, model: CarFollowingMix, moment: Moment
+) -> Value:
+    """The acceleration that drivers order."""
     for effect in EFFECTS:
         if effect.command is not None:
             acceleration = effect.command(effects.dial(effect.name), acceleration, desired_mps, model, moment)
     return acceleration
 
 
-def done(effects: Effects, acceleration: Value, moment: Moment) -> Value:
-    """Return the acceleration that vehicles do."""
+def actuate(effects: Effects, acceleration: Value, moment: Moment) -> Value:
+    """The acceleration that vehicles do."""
     for effect in EFFECTS:
         if effect.actuate is not None:
             acceleration = effect.actuate(effects.dial(effect.name), acceleration, moment)
     return acceleration
 
 
-def remembered(effects: Effects, moment: Moment, order_mps2: Value) -> VehicleArrays:
-    """Return the vehicles after a step with what effects remember of it."""
+def remember_step(effects: Effects, moment: Moment, order_mps2: Value) -> VehicleArrays:
+    """The vehicles after a step with what effects remember of it."""
     personal = dict(moment.vehicles.personal or {})
     for effect in EFFECTS:
         if effect.remember is not None:
@@ -127,8 +129,8 @@ def remembered(effects: Effects, moment: Moment, order_mps2: Value) -> VehicleAr
     return with_changes(moment.vehicles, personal=personal)
 
 
-def decided(effects: Effects, decision: LaneChangeDecision, moment: Moment) -> LaneChangeDecision:
-    """Return what vehicles do about their lanes."""
+def decide_lanes(effects: Effects, decision: LaneChangeDecision, moment: Moment) -> LaneChangeDecision:
+    """The vehicles' decisions about their lanes."""
     for effect in EFFECTS:
         if effect.decide is not None:
             decision = effect.decide(effects.dial(effect.name), decision, moment)
@@ -138,14 +140,14 @@ def decided(effects: Effects, decision: LaneChangeDecision, moment: Moment) -> L
 def with_lane_changes(
     vehicles: VehicleArrays, direction: Int[Array, " vehicle"], row: Int[Array, " vehicle"]
 ) -> VehicleArrays:
-    """Return the vehicles, each with the direction in which it is changing lane now, and the row that it came from."""
+    """The vehicles, each with the direction in which it is changing lane now, and the row that it came from."""
     personal = dict(vehicles.personal or {})
     origin = jnp.where(direction != STAY, row, personal[LANE_CHANGE]["origin_row"])
     return with_changes(vehicles, personal=personal | {LANE_CHANGE: {"direction": direction, "origin_row": origin}})
 
 
-def settled(effects: Effects, moment: Moment) -> VehicleArrays:
-    """Return the vehicles in their new order with what effects remember of the lane changes."""
+def remember_lane_changes(effects: Effects, moment: Moment) -> VehicleArrays:
+    """The vehicles in their new order with what effects remember of the lane changes."""
     personal = dict(moment.vehicles.personal or {})
     direction = personal[LANE_CHANGE]["direction"]
     for effect in EFFECTS:
@@ -154,10 +156,10 @@ def settled(effects: Effects, moment: Moment) -> VehicleArrays:
     return with_changes(moment.vehicles, personal=personal)
 
 
-def appeared(
+def show_lane_changes(
     effects: Effects, frame: PerceptionFrame, vehicles: VehicleArrays, entry: Int[Array, " object"]
 ) -> PerceptionFrame:
-    """Return the objects of a frame as the vehicles stand between their lanes; `entry` is that of each object."""
+    """The objects of a frame as the vehicles stand between their lanes; `entry` is that of each object."""
     personal = vehicles.personal or {}
     for effect in EFFECTS:
         if effect.appear is not None:
@@ -168,14 +170,14 @@ def appeared(
 
 
 def start_of_sensing(frame: PerceptionFrame) -> SensorMemory:
-    """Return what the sensors remember before the first frame, which `frame` is like."""
+    """The sensors' memory before the first frame, which `frame` is like."""
     return {effect.name: effect.watch(frame) for effect in EFFECTS if effect.watch is not None}
 
 
-def sensed(
+def sense_frame(
     effects: Effects, frame: PerceptionFrame, memory: SensorMemory, seed: Int[Array, ""]
 ) -> tuple[PerceptionFrame, SensorMemory]:
-    """Return a frame as the sensors report it."""
+    """A frame as the sensors report it."""
     names = [effect.name for effect in EFFECTS if effect.sense is not None or effect.appear is not None]
     if not names:
         return frame, memory
@@ -196,14 +198,14 @@ def sensed(
 
 
 def sense_drive(frames: PerceptionFrame, effects: Effects, seed: Int[Array, ""]) -> PerceptionFrame:
-    """Return the frames of one drive, stacked along a leading time axis, as the sensors report them.
+    """The frames of one drive, stacked along a leading time axis, as the sensors report them.
 
     The same code that the simulator applies to its own frames, for frames of any other source.
     """
     start = start_of_sensing(jax.tree.map(lambda leaf: jnp.asarray(leaf)[0], frames))
 
-    def one(memory: SensorMemory, frame: PerceptionFrame) -> tuple[SensorMemory, PerceptionFrame]:
-        frame, memory = sensed(effects, frame, memory, seed)
+    def sense(memory: SensorMemory, frame: PerceptionFrame) -> tuple[SensorMemory, PerceptionFrame]:
+        frame, memory = sense_frame(effects, frame, memory, seed)
         return memory, frame
 
-    return jax.lax.scan(one, start, jax.tree.map(jnp.asarray, frames))[1]
+    return jax.lax.scan(sense, start, jax.tree.map(jnp.asarray, frames))[1]

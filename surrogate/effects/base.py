@@ -12,8 +12,10 @@ from typing import Any, ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from surrogate.road.drive_table import DriveTable, LogFormat
 from surrogate.road.neighbours import Neighbour
 from surrogate.road.traffic_state import VehicleArrays
 from surrogate.vehicle.vehicle_class import VehicleClass
@@ -32,6 +34,22 @@ class ActsOn(enum.StrEnum):
     DEMAND = "demand"
     COMPOSITION = "composition"
     SENSOR = "sensor"
+
+
+class SearchedAt(enum.StrEnum):
+    """At which places and times a diagnosis looks for an effect."""
+
+    EVERYWHERE = "everywhere"
+    STRETCHES = "stretches"  # where drivers accelerate otherwise than expected, all the time
+    SPELLS = "spells"  # where and while vehicles are slow, for some minutes
+    LANE_POINTS = "points of a lane"  # likewise; the choice is the lane, the strength how long it lasts
+
+
+class Reading(enum.StrEnum):
+    """What of an effect's strength a log tells by itself, whatever traffic makes of the effect."""
+
+    DISTANCE_SCALE = "distance scale"
+    LATENCY = "latency"
 
 
 class Dial(eqx.Module):
@@ -170,6 +188,7 @@ class Arrivals(eqx.Module):
 
 
 Hook = Callable[..., Any] | None
+Alter = Callable[[DriveTable, float, LogFormat, np.random.Generator], DriveTable]
 
 
 @dataclass(frozen=True)
@@ -195,6 +214,18 @@ class Effect:
         time_constant: what `time_constant_s` is; empty where it does not matter.
         default_time_constant_s: its value unless given.
         reported_at_zero: what people call strength 0, where they count from elsewhere: a factor counts from 1.
+        is_calibrated: whether a calibration has it among its parameters, whose values then tell it.
+        speeds_up: whether vehicles are faster, not slower, at a place where a positive strength acts.
+        lasts_as_strength: whether the strength is how long it lasts, at one point of a lane, which is the choice.
+        reading: what of the strength a log tells by itself.
+        rhythms_s: of an effect that is not a sensor's, strengths each of which leaves a rhythm of its own in a recorded
+            drive; `alter` then leaves positions as they are, and only the vehicles' motion shows it.
+        is_whole_steps: whether a recorded drive shows multiples of its time step only.
+        vtype_attributes: how SUMO expresses it, where other attributes of the background's vTypes are all: pairs of an
+            attribute and (its value, strength) -> value. What needs more is in
+            `sim_adapters/scenario/sumo_effects.py`.
+        alter: (DriveTable, strength, LogFormat, random) -> DriveTable: the effect put into a recorded drive; a sensor's
+            effect without it is put in by `sense`.
         inputs: (dial, inputs [veh/h]) -> inputs.
         arrival: (dial, demand to the next arrival [veh], Arrivals) -> demand to the next arrival.
         newcomer: (dial, Newcomers, seed) -> Newcomers.
@@ -231,6 +262,14 @@ class Effect:
     time_constant: str = ""
     default_time_constant_s: float = 1.0
     reported_at_zero: float = 0.0
+    is_calibrated: bool = False
+    speeds_up: bool = False
+    lasts_as_strength: bool = False
+    reading: Reading | None = None
+    rhythms_s: tuple[float, ...] = ()
+    is_whole_steps: bool = False
+    vtype_attributes: tuple[tuple[str, Callable[[float, float], float]], ...] = ()
+    alter: Alter | None = None
     inputs: Hook = None
     arrival: Hook = None
     newcomer: Hook = None
@@ -248,3 +287,22 @@ class Effect:
     appear: Hook = None
     watch: Hook = None
     sense: Hook = None
+
+    @property
+    def is_sensor_s(self) -> bool:
+        """Whether it acts on what sensors report, and leaves traffic as it is."""
+        return self.acts_on is ActsOn.SENSOR
+
+    @property
+    def slows(self) -> float:
+        """1 where a positive strength makes vehicles slower, -1 where it makes them faster."""
+        return -1.0 if self.speeds_up else 1.0
+
+    @property
+    def searched_at(self) -> SearchedAt:
+        """At which places and times a diagnosis looks for it."""
+        if not (self.has_place or self.has_time):
+            return SearchedAt.EVERYWHERE
+        if self.lasts_as_strength:
+            return SearchedAt.LANE_POINTS
+        return SearchedAt.SPELLS if self.has_time else SearchedAt.STRETCHES

@@ -74,6 +74,7 @@ BLOCKAGE = Effect(
     source="one of three lanes blocked leaves 0.49 of the capacity: HCM as quoted in FHWA-HOP-13-042, appendix A",
     has_place=True,
     has_time=True,
+    lasts_as_strength=True,
     choice="lane, counted from the left, 1 = leftmost",
     default_choice=1.0,
     begin=_begin,

@@ -3,6 +3,7 @@
 import dataclasses
 
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array
 
 from surrogate.effects.base import ActsOn, Dial, Effect
@@ -25,6 +26,10 @@ def _behaviour(dial: Dial, vehicle_class: VehicleClass) -> VehicleClass:
     return dataclasses.replace(vehicle_class, lane_change=model)
 
 
+def _more(value: float, strength: float) -> float:
+    return float(np.clip(value + strength, 0.0, max(value, 1.0)))
+
+
 COOPERATIVE_YIELDING = Effect(
     name="cooperative_yielding",
     title="drivers make room for who must change lane",
@@ -35,5 +40,6 @@ COOPERATIVE_YIELDING = Effect(
     acts_on=ActsOn.DECISION,
     source="LC2013's cooperation, Erdmann (2015); lag vehicles slow down and change lane for mergers: 2404.09851",
     is_signed=True,
+    vtype_attributes=(("lcCooperative", _more), ("lcCooperativeSpeed", _more)),
     behaviour=_behaviour,
 )

@@ -20,6 +20,10 @@ def _behaviour(dial: Dial, vehicle_class: VehicleClass) -> VehicleClass:
     return dataclasses.replace(vehicle_class, lane_change=model)
 
 
+def _more(value: float, strength: float) -> float:
+    return value + strength
+
+
 KEEP_RIGHT = Effect(
     name="keep_right",
     title="drivers keep to the right",
@@ -29,5 +33,6 @@ KEEP_RIGHT = Effect(
     strong=5.0,
     acts_on=ActsOn.DECISION,
     source="LC2013's keep-right motive, Erdmann (2015); asymmetric MOBIL, Kesting, Treiber & Helbing (2007)",
+    vtype_attributes=(("lcKeepRight", _more),),
     behaviour=_behaviour,
 )

@@ -3,15 +3,18 @@
 import dataclasses
 
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float, Int
 
 from surrogate.effects.base import ActsOn, Dial, Effect, Memory, Moment
+from surrogate.road.drive_table import DriveTable, LogFormat
 from surrogate.road.perception import PerceptionFrame
 from surrogate.road.traffic_state import VehicleArrays
 from surrogate.vehicle.lane_change_model import STAY, LaneChangeDecision
 
 NAME = "lane_change_duration"
 LANE_WIDTH_M = 3.5
+RHYTHMS_S = (1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0)
 Value = Float[Array, " vehicle"]
 
 
@@ -55,6 +58,20 @@ def _appear(dial: Dial, frame: PerceptionFrame, memory: Memory) -> PerceptionFra
     )
 
 
+def _alter(table: DriveTable, strength: float, log: LogFormat, random: np.random.Generator) -> DriveTable:
+    """Vehicles are off the centre of their lane from half a duration before they cross to half of it after."""
+    del random, log
+    before = table.before
+    changed = (before >= 0) & (table.lane[np.maximum(before, 0)] != table.lane)
+    after_s = table.since(changed)
+    mirrored = dataclasses.replace(
+        table, instant=len(table.time_s) - 1 - table.instant, time_s=table.time_s[::-1] * -1.0
+    )
+    before_s = mirrored.since(changed)
+    away = np.minimum(after_s, before_s) < 0.45 * strength
+    return dataclasses.replace(table, lateral_m=np.where(away, 1.0, table.lateral_m))
+
+
 LANE_CHANGE_DURATION = Effect(
     name=NAME,
     title="lane changes take time",
@@ -67,6 +84,8 @@ LANE_CHANGE_DURATION = Effect(
         "5 to 6 s on average: Toledo & Zohar (2007); SUMO's lanechange.duration. Deviation: the vehicle stands in the "
         "new lane's order from the beginning, and in the old one's no longer"
     ),
+    rhythms_s=RHYTHMS_S,
+    alter=_alter,
     begin=_begin,
     decide=_decide,
     settle=_settle,

@@ -21,6 +21,7 @@ RAMP_INFLOW_ERROR = Effect(
     acts_on=ActsOn.DEMAND,
     source="errors of detectors and of counts of another day; range by judgement",
     is_signed=True,
+    is_calibrated=True,
     choice="number of the input in the case, counted from 0",
     default_choice=1.0,
     inputs=_inputs,

@@ -1,12 +1,16 @@
 """Distances and speeds of objects are measured with white noise."""
 
+import dataclasses
+
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jax.scipy.special import ndtri
 from jaxtyping import Array
 
 from surrogate.effects.base import ActsOn, Dial, Effect, Memory
 from surrogate.keyed_random import Purpose, uniform
+from surrogate.road.drive_table import DriveTable, LogFormat, with_offsets
 from surrogate.road.perception import PerceptionFrame, frame_number, is_other
 
 
@@ -21,6 +25,13 @@ def _sense(dial: Dial, frame: PerceptionFrame, memory: Memory, seed: Array) -> t
     return eqx.tree_at(lambda f: (f.object_offset_m, f.object_speed_mps), frame, (offset, speed)), memory
 
 
+def _alter(table: DriveTable, strength: float, log: LogFormat, random: np.random.Generator) -> DriveTable:
+    objects = ~table.is_subject
+    offset_m = table.offset_m + strength * objects * random.standard_normal(len(table.offset_m))
+    speed_mps = np.maximum(table.speed_mps + strength * objects * random.standard_normal(len(table.speed_mps)), 0.0)
+    return with_offsets(dataclasses.replace(table, speed_mps=speed_mps), offset_m, log)
+
+
 SENSOR_NOISE = Effect(
     name="sensor_noise",
     title="noisy distances and speeds",
@@ -30,5 +41,6 @@ SENSOR_NOISE = Effect(
     strong=0.8,
     acts_on=ActsOn.SENSOR,
     source="perception error models, 2302.11919; range of automotive radar and lidar trackers by judgement",
+    alter=_alter,
     sense=_sense,
 )

@@ -24,13 +24,13 @@ class Effects(eqx.Module):
     values: Float[Array, "effect field"]
 
     def dial(self, name: str) -> Dial:
-        """Return the setting of one effect."""
+        """The setting of one effect."""
         row = self.values[EFFECT_NUMBER[name]]
         return Dial(*(row[column] for column in range(len(Dial.FIELDS))))
 
 
 def settings_table(settings: Mapping[str, EffectSetting]) -> np.ndarray:
-    """Return the settings as the array that `Effects` holds, [effect, field].
+    """The settings as the array that `Effects` holds, [effect, field].
 
     Raises:
         UnknownEffectError: a name is no effect's.
@@ -39,14 +39,14 @@ def settings_table(settings: Mapping[str, EffectSetting]) -> np.ndarray:
         effect_named(name)
     rows = []
     for effect in EFFECTS:
-        one = settings.get(effect.name, EffectSetting(0.0))
+        setting = settings.get(effect.name, EffectSetting(0.0))
         given = (
-            (one.route_from_m, -EVERYWHERE_M),
-            (one.route_to_m, EVERYWHERE_M),
-            (one.time_from_s, -ALWAYS_S),
-            (one.time_to_s, ALWAYS_S),
-            (one.choice, effect.default_choice),
-            (one.time_constant_s, effect.default_time_constant_s),
+            (setting.route_from_m, -EVERYWHERE_M),
+            (setting.route_to_m, EVERYWHERE_M),
+            (setting.time_from_s, -ALWAYS_S),
+            (setting.time_to_s, ALWAYS_S),
+            (setting.choice, effect.default_choice),
+            (setting.time_constant_s, effect.default_time_constant_s),
         )
-        rows.append([one.strength, *(usual if value is None else value for value, usual in given)])
+        rows.append([setting.strength, *(usual if value is None else value for value, usual in given)])
     return np.asarray(rows, np.float32)

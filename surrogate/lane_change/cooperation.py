@@ -16,6 +16,7 @@ from surrogate.car_following.safe_speed import brake_gap_m
 from surrogate.lane_change.gap_acceptance import Blocked, Ego, Following
 from surrogate.vehicle.car_following_model import FollowingSituation
 from surrogate.vehicle.lane_change_model import Side
+from surrogate.vehicle.vehicle_class import CarFollowingMix
 
 Value = Float[Array, " request"]
 Flag = Bool[Array, " request"]
@@ -57,7 +58,7 @@ def requests(
     interval_s: float,
     step_s: float,
 ) -> Requests:
-    """Return the requests of vehicles that must change lane.
+    """Requests of vehicles that must change lane.
 
     Args:
         ego: each of these vehicles and its own lane.
@@ -92,7 +93,7 @@ def requests(
 def _deal_with_leader(
     ego: Ego, side: Side, gaps: Blocked, following: Following, remaining_s: Value, is_right: Flag, step_s: float
 ) -> tuple[Value, Value, Value, Flag]:
-    """Return the planned speed, the own advice, the leader's advice, and whether the leader is to be overtaken."""
+    """The planned speed, the own advice, the leader's advice, and whether the leader is to be overtaken."""
     v, leader_v = ego.speed_mps, side.leader_speed_mps
     decel = following.max_deceleration_mps2
     left_m = ego.need.remaining_m
@@ -141,6 +142,85 @@ def _deal_with_leader(
     return plan, own_advice, leader_advice, overtakes & side.leader_exists
 
 
+class _Follower(eqx.Module):
+    """The follower in the target lane, asked what he would do behind the vehicle that must change.
+
+    Attributes:
+        ego: that vehicle.
+        side: the lane.
+        models: car-following models of the followers.
+        planned_mps: speed that the vehicle plans.
+        max_deceleration_mps2: of the vehicle.
+        step_s: length of a time step.
+    """
+
+    ego: Ego
+    side: Side
+    models: CarFollowingMix
+    planned_mps: Value
+    max_deceleration_mps2: Value
+    step_s: float = eqx.field(static=True)
+
+    def secure_m(self, own_mps: Value, leader_mps: Value) -> Value:
+        """Gap that is secure between him and the vehicle."""
+        return self.models.secure_gap_m(own_mps, leader_mps, self.max_deceleration_mps2, self.step_s)
+
+    def follow_mps(self, gap_m: Value) -> Value:
+        """Next speed behind the vehicle at its planned speed, at a gap beyond the jam gap."""
+        side = self.side
+        situation = FollowingSituation(
+            speed_mps=side.follower_speed_mps,
+            gap_m=gap_m + self.models.field("jam_gap_m"),
+            leader_speed_mps=self.planned_mps,
+            leader_acceleration_mps2=self.ego.acceleration_mps2,
+            acceleration_mps2=side.follower_acceleration_mps2,
+            desired_speed_mps=side.follower_max_speed_mps,
+            uniform=jnp.full_like(self.ego.speed_mps, 0.5),
+        )
+        return self.models.follow_speed_mps(situation, self.step_s)
+
+    def by_next_step(self, speed_mps: Value) -> Value:
+        """Acceleration that brings him to a speed within a step."""
+        return (speed_mps - self.side.follower_speed_mps) / self.step_s
+
+
+class _Opening(eqx.Module):
+    """What a follower who brakes does for the gap.
+
+    Attributes:
+        next_mps: his speed after a step of braking.
+        just_enough_mps: speed at which the gap opens no further than it needs to.
+        helps_now: whether a second of braking opens it.
+        helps_eventually: whether braking opens it in the time left.
+    """
+
+    next_mps: Value
+    just_enough_mps: Value
+    helps_now: Flag
+    helps_eventually: Flag
+
+
+def _opening(follower: _Follower, help_decel: Value, remaining_s: Value) -> _Opening:
+    other_v, gap_m, step_s = follower.side.follower_speed_mps, follower.side.follower_gap_m, follower.step_s
+    planned = follower.planned_mps
+    next_step = jnp.maximum(0.0, other_v - help_decel * step_s)
+    in_one_second = jnp.maximum(0.0, other_v - help_decel)
+    difference = planned - in_one_second
+    gap_then_m = gap_m + difference
+    needed_m = follower.secure_m(in_one_second, planned)
+    first = jnp.maximum(next_step, follower.follow_mps(gap_m + step_s * planned))
+    just_enough = jnp.maximum(next_step, follower.follow_mps(gap_m + step_s * (planned - first)))
+    # whoever could stand within that second must not creep into the gap
+    keeps_clear = jnp.maximum(next_step, follower.follow_mps(gap_m - CREEPING_MARGIN_M))
+    just_enough = jnp.where(in_one_second > 0.0, just_enough, jnp.minimum(just_enough, keeps_clear))
+    return _Opening(
+        next_mps=next_step,
+        just_enough_mps=just_enough,
+        helps_now=(gap_then_m > 0.0) & (gap_then_m >= needed_m),
+        helps_eventually=(difference > 0.0) & (difference * remaining_s > needed_m - gap_then_m + 0.1),
+    )
+
+
 def _deal_with_follower(
     ego: Ego,
     side: Side,
@@ -152,7 +232,7 @@ def _deal_with_follower(
     interval_s: float,
     step_s: float,
 ) -> tuple[Value, Flag, Value]:
-    """Return acceleration asked of the follower, whether he is told to make room, own acceleration; inf where none.
+    """Acceleration asked of the follower, whether he is told to make room, own acceleration; inf where none.
 
     SUMO names speeds for the next step. Where such a speed is that of another vehicle rather than a step of braking,
     it is to be reached by the next decision only.
@@ -161,70 +241,41 @@ def _deal_with_follower(
     models = following.of(side.follower_class)
     decel, help_decel = following.max_deceleration_mps2, models.field("max_deceleration_mps2")
     planned = jnp.maximum(planned_mps, 0.0)
-
-    def secure_m(follower_mps: Value, leader_mps: Value) -> Value:
-        return models.secure_gap_m(follower_mps, leader_mps, decel, step_s)
-
-    def follow_mps(gap: Value) -> Value:
-        situation = FollowingSituation(
-            speed_mps=other_v,
-            gap_m=gap + models.field("jam_gap_m"),
-            leader_speed_mps=planned,
-            leader_acceleration_mps2=ego.acceleration_mps2,
-            acceleration_mps2=side.follower_acceleration_mps2,
-            desired_speed_mps=side.follower_max_speed_mps,
-            uniform=jnp.full_like(v, 0.5),
-        )
-        return models.follow_speed_mps(situation, step_s)
-
+    follower = _Follower(ego, side, models, planned, decel, step_s)
     # fast enough to cut in without help?
     needs_no_help = (planned - other_v >= HELP_OVERTAKE_MPS) & (
-        (secure_m(other_v, planned) - gap_m) / remaining_s < planned - other_v
+        (follower.secure_m(other_v, planned) - gap_m) / remaining_s < planned - other_v
     )
-    # would a second of braking open the gap?
-    next_step = jnp.maximum(0.0, other_v - help_decel * step_s)
-    in_one_second = jnp.maximum(0.0, other_v - help_decel)
-    difference = planned - in_one_second
-    gap_then_m = gap_m + difference
-    needed_m = secure_m(in_one_second, planned)
-    first = jnp.maximum(next_step, follow_mps(gap_m + step_s * planned))
-    just_enough = jnp.maximum(next_step, follow_mps(gap_m + step_s * (planned - first)))
-    # whoever could stand within that second must not creep into the gap
-    keeps_clear = jnp.maximum(next_step, follow_mps(gap_m - CREEPING_MARGIN_M))
-    just_enough = jnp.where(in_one_second > 0.0, just_enough, jnp.minimum(just_enough, keeps_clear))
-    helps_now = (gap_then_m > 0.0) & (gap_then_m >= needed_m)
-    helps_eventually = (difference > 0.0) & (difference * remaining_s > needed_m - gap_then_m + 0.1)
+    opening = _opening(follower, help_decel, remaining_s)
     # else let him pass, perhaps a little slower so that those behind him can help
     is_congested = (other_v < CONGESTED_BELOW_MPS) | (ego.speed_limit_mps < CONGESTED_LIMIT_BELOW_MPS)
     cannot_pass = is_right & ~is_congested
     pass_mps = jnp.maximum(other_v, v + HELP_OVERTAKE_MPS)
-    slow_pass_mps = jnp.maximum(next_step, v + HELP_OVERTAKE_MPS)
+    slow_pass_mps = jnp.maximum(opening.next_mps, v + HELP_OVERTAKE_MPS)
     is_on_ramp = (planned_mps > CUT_IN_LEFT_SPEED_MPS) | (ego.lane_length_m > MAX_ON_RAMP_LENGTH_M)
     wants_slow = (other_v > v) & (is_right | is_on_ramp)
     passes_slowly = wants_slow & ((other_v - v) / help_decel < remaining_s)
     let_pass_mps = jnp.where(wants_slow, slow_pass_mps, pass_mps)
 
-    def by_next_step(speed_mps: Value) -> Value:
-        return (speed_mps - other_v) / step_s
-
     def by_next_decision(speed_mps: Value) -> Value:
         return (speed_mps - other_v) / interval_s
 
+    by_next_step = follower.by_next_step
     let_pass = jnp.maximum(jnp.where(wants_slow, -help_decel, -jnp.inf), by_next_decision(let_pass_mps))
     asked = jnp.where(
         needs_no_help,
         by_next_decision(planned - HELP_OVERTAKE_MPS),
         jnp.where(
-            helps_now,
-            by_next_step(just_enough),
+            opening.helps_now,
+            by_next_step(opening.just_enough_mps),
             jnp.where(
-                helps_eventually,
-                by_next_step(next_step),
-                jnp.where(cannot_pass, by_next_step(jnp.maximum(next_step, HELP_OVERTAKE_MPS)), let_pass),
+                opening.helps_eventually,
+                by_next_step(opening.next_mps),
+                jnp.where(cannot_pass, by_next_step(jnp.maximum(opening.next_mps, HELP_OVERTAKE_MPS)), let_pass),
             ),
         ),
     )
-    falls_back = ~needs_no_help & ~helps_now & ~helps_eventually & ~cannot_pass & ~passes_slowly
+    falls_back = ~needs_no_help & ~opening.helps_now & ~opening.helps_eventually & ~cannot_pass & ~passes_slowly
     passing_m = jnp.maximum(
         0.0,
         gap_m
@@ -236,7 +287,7 @@ def _deal_with_follower(
     fall_back = jnp.maximum((let_pass_mps - passing_m / remaining_s - v) / interval_s, -decel)
     own = jnp.where(gaps.by_follower & falls_back, fall_back, NO_ADVICE)
     # not in the way now: see that it stays so
-    first_free = follow_mps(gap_m + step_s * planned)
-    stay_free = follow_mps(gap_m + step_s * (planned - first_free))
+    first_free = follower.follow_mps(gap_m + step_s * planned)
+    stay_free = follower.follow_mps(gap_m + step_s * (planned - first_free))
     asked = jnp.where(gaps.by_follower, asked, jnp.where(gaps.by_leader, by_next_step(stay_free), NO_ADVICE))
     return asked, gaps.by_follower, own

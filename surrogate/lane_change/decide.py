@@ -11,9 +11,9 @@ from surrogate.lane_change.lc2013 import Memory
 from surrogate.lane_change.motives import wish
 from surrogate.lane_change.negotiation import Asked, Duty, hardest_mps2, negotiate
 from surrogate.lane_change.old_follower import OldFollower, old_follower_of
-from surrogate.lane_change.place import Place
 from surrogate.lane_change.registry import check_known
 from surrogate.lane_change.surroundings import Wanted, desired_speed_mps, following_of
+from surrogate.lane_change.vehicles_on_road import VehiclesOnRoad
 from surrogate.lane_change.view import View, judge_gaps, lc2013_of, look_around
 from surrogate.vehicle.lane_change_model import LEFT, RIGHT, STAY, LaneChangeDecision
 from surrogate.vehicle.vehicle_class import VehicleClass
@@ -25,7 +25,7 @@ Flag = Bool[Array, " vehicle"]
 
 
 def decide(
-    place: Place,
+    on_road: VehiclesOnRoad,
     classes: tuple[VehicleClass, ...],
     interval_s: float,
     step_s: float,
@@ -34,21 +34,21 @@ def decide(
     """Return what every vehicle does about its lane.
 
     Args:
-        place: the vehicles and where they are.
+        on_road: the vehicles and where they are.
         classes: vehicle classes.
         interval_s: time since the last decision.
         step_s: length of a time step.
         num_tiles: tiles that hold vehicles, see `surrogate.xla.tiles`; all unless given.
     """
     check_known(classes)
-    everybody = place.everybody
+    everybody = on_road.everybody
     num_entries = everybody.row.shape[0]
     num_tiles = all_tiles(num_entries) if num_tiles is None else num_tiles
     desired_mps = materialise(desired_speed_mps(everybody, classes))
     wanted = Wanted.of(desired_mps)
 
     def who_must_change(tile: Tile) -> Duty:
-        part = place.part(tile)
+        part = on_road.part(tile)
         lanes = materialise(lanes_of(part, following_of(part.vehicles.vehicle_class, classes)))
         around = look_around(part, wanted.part(tile), lanes, classes, interval_s, step_s)
         return Duty(lanes, around.route_right.must_change, around.route_left.must_change)
@@ -57,10 +57,10 @@ def decide(
     old_follower = None
     if any(isinstance(c.lane_change, FreeModel) for c in classes):
         old_follower = old_follower_of(everybody, following_of(everybody.vehicle_class, classes), desired_mps)
-    asked = negotiate(place, duty, wanted, old_follower, classes, interval_s, step_s)
+    asked = negotiate(on_road, duty, wanted, old_follower, classes, interval_s, step_s)
 
     def settle(tile: Tile) -> LaneChangeDecision:
-        part = place.part(tile)
+        part = on_road.part(tile)
         around = materialise(look_around(part, wanted.part(tile), tile(duty.lanes), classes, interval_s, step_s))
         return _settle(part, around, tile(asked), tile(old_follower), classes, interval_s, step_s)
 
@@ -68,7 +68,7 @@ def decide(
 
 
 def _settle(
-    part: Place,
+    part: VehiclesOnRoad,
     around: View,
     asked: Asked,
     old_follower: OldFollower | None,

@@ -58,7 +58,7 @@ def wish(
     interval_s: float,
     step_s: float,
 ) -> Wish:
-    """Return what each vehicle wants on one side, whether or not the gap allows it.
+    """What each vehicle wants on one side, whether or not the gap allows it.
 
     Args:
         model: parameters of each vehicle.
@@ -77,36 +77,21 @@ def wish(
     v = ego.speed_mps
     threshold_left = CHANGE_THRESHOLD / model.speed_gain
     threshold_right = threshold_left / model.speed_gain_right
-
-    # speeds that the two lanes will allow
     is_congested = (v < CONGESTED_BELOW_MPS) | (ego.speed_limit_mps < CONGESTED_LIMIT_BELOW_MPS)
-    advice = jnp.full_like(v, jnp.inf)
-    cap, gain = ego.max_speed_mps, memory.gain_right if is_right else memory.gain_left
-    is_nudged = jnp.zeros_like(is_congested)
-    if not is_right:  # VARIANT_20 (noOvertakeRight)
-        slower = materialise(_slower_leader_on_the_left(ego, side, following, gain, threshold_left, interval_s, step_s))
-        applies = side.is_open & ~route.must_change & ~is_congested & slower.applies
-        is_slow_road = ego.speed_limit_mps < CONGESTED_LIMIT_BELOW_MPS
-        advises = side.is_open & ~route.must_change & ~is_slow_road & slower.advises
-        advice = jnp.where(advises, slower.advice_mps2, advice)
-        cap = jnp.where(applies, jnp.minimum(cap, slower.safe_speed_mps), cap)
-        is_nudged = applies & (slower.share > 0.0)
-        gain = jnp.where(applies, gain + interval_s * slower.share * slower.relative_gain, gain)
-    is_accelerating = (side.leader_exists & (side.leader_acceleration_mps2 > 0.0)) | (
-        ego.leader_exists & (ego.leader_acceleration_mps2 > 0.0)
+    held = _Held(
+        advice_mps2=jnp.full_like(v, jnp.inf),
+        cap_mps=ego.max_speed_mps,
+        gain=memory.gain_right if is_right else memory.gain_left,
+        is_nudged=jnp.zeros_like(is_congested),
     )
-    side_mps = anticipated_speed_mps(
-        ego, following, side.leader_exists, side.leader_gap_m, side.leader_speed_mps, side.leader_class,
-        side.need.from_edge_m, is_accelerating, step_s,
-    )  # fmt: skip
-    this_mps = anticipated_speed_mps(
-        ego, following, ego.leader_exists, ego.leader_gap_m, ego.leader_speed_mps, ego.leader_class,
-        ego.need.from_edge_m, is_accelerating, step_s,
-    )  # fmt: skip
-    side_mps, this_mps = materialise((side_mps, this_mps))
+    if not is_right:
+        held = _behind_slower_leader(
+            held, ego, side, route, following, threshold_left, is_congested, interval_s, step_s
+        )
+    side_mps, this_mps = _lane_speeds_mps(ego, side, following, step_s)
     # from a lane that does not serve the route, SUMO goes back as soon as that one is no slower
     reverts = (side.need.best_lane_offset * (-1 if is_right else 1) < 0) & (this_mps > side_mps)
-    this_mps = jnp.minimum(this_mps, cap)
+    this_mps = jnp.minimum(this_mps, held.cap_mps)
 
     # cooperative
     against = memory.gain_left / threshold_left if is_right else memory.gain_right / threshold_right
@@ -117,7 +102,7 @@ def wish(
     # keep right and speed gain
     relative_gain = (side_mps - this_mps) / jnp.maximum(side_mps, RELATIVE_GAIN_MIN_SPEED_MPS)
     lasts = side.need.from_edge_m / jnp.maximum(SMALLEST_SPEED_MPS, v) > model.speed_gain_remain_time_s
-    unchanged_gain, keep_right = gain, memory.keep_right
+    gain, keep_right = held.gain, memory.keep_right
     if is_right:
         much_faster_here = this_mps - MUCH_FASTER_MPS > side_mps
         gain = jnp.where(much_faster_here, gain * 0.5**interval_s, gain + interval_s * relative_gain)
@@ -130,7 +115,7 @@ def wish(
         decayed = jnp.where(gain > 0.0, gain * decay, gain)
         gain = jnp.where(this_mps >= side_mps, decayed, gain + interval_s * relative_gain)
         is_keep_right = jnp.zeros_like(is_congested)
-        is_speed_gain = (gain > threshold_left) & ((relative_gain > SMALLEST_GAIN) | is_nudged) & lasts
+        is_speed_gain = (gain > threshold_left) & ((relative_gain > SMALLEST_GAIN) | held.is_nudged) & lasts
     is_cooperative, gain, keep_right, is_keep_right, is_speed_gain, relative_gain = materialise(
         (is_cooperative, gain, keep_right, is_keep_right, is_speed_gain, relative_gain)
     )
@@ -148,10 +133,70 @@ def wish(
         change=change,
         urgent=route.must_change | (is_free & is_cooperative),
         reason=reason,
-        gain=jnp.where(weighs, gain, unchanged_gain),
+        gain=jnp.where(weighs, gain, held.gain),
         keep_right=jnp.where(weighs, keep_right, memory.keep_right),
-        advice_mps2=advice,
+        advice_mps2=held.advice_mps2,
         reverts=change & ~route.must_change & reverts,
+    )
+
+
+def _lane_speeds_mps(ego: Ego, side: Side, following: Following, step_s: float) -> tuple[Value, Value]:
+    """Speeds that the lane on the side and the own lane will allow."""
+    is_accelerating = (side.leader_exists & (side.leader_acceleration_mps2 > 0.0)) | (
+        ego.leader_exists & (ego.leader_acceleration_mps2 > 0.0)
+    )
+    side_mps, own_mps = (
+        anticipated_speed_mps(
+            ego, following, lane.leader_exists, lane.leader_gap_m, lane.leader_speed_mps, lane.leader_class,
+            lane.need.from_edge_m, is_accelerating, step_s,
+        )
+        for lane in (side, ego)
+    )  # fmt: skip
+    return materialise((side_mps, own_mps))
+
+
+class _Held(eqx.Module):
+    """What a slower leader on the left makes of a driver.
+
+    Attributes:
+        advice_mps2: acceleration that stays behind him; inf where none is asked.
+        cap_mps: highest speed in the own lane.
+        gain: memory of the gain on the left.
+        is_nudged: whether he makes the driver wish to go left.
+    """
+
+    advice_mps2: Value
+    cap_mps: Value
+    gain: Value
+    is_nudged: Flag
+
+
+def _behind_slower_leader(
+    held: _Held,
+    ego: Ego,
+    side: Side,
+    route: Strategy,
+    following: Following,
+    threshold_left: Value,
+    is_congested: Flag,
+    interval_s: float,
+    step_s: float,
+) -> _Held:
+    """The same with who must not pass on the right.
+
+    Source: VARIANT_20 (noOvertakeRight) of `MSLCM_LC2013::_wantsChange`.
+    """
+    slower = materialise(
+        _slower_leader_on_the_left(ego, side, following, held.gain, threshold_left, interval_s, step_s)
+    )
+    applies = side.is_open & ~route.must_change & ~is_congested & slower.applies
+    is_slow_road = ego.speed_limit_mps < CONGESTED_LIMIT_BELOW_MPS
+    advises = side.is_open & ~route.must_change & ~is_slow_road & slower.advises
+    return _Held(
+        advice_mps2=jnp.where(advises, slower.advice_mps2, held.advice_mps2),
+        cap_mps=jnp.where(applies, jnp.minimum(held.cap_mps, slower.safe_speed_mps), held.cap_mps),
+        is_nudged=applies & (slower.share > 0.0),
+        gain=jnp.where(applies, held.gain + interval_s * slower.share * slower.relative_gain, held.gain),
     )
 
 
@@ -166,7 +211,7 @@ def anticipated_speed_mps(
     is_accelerating: Flag,
     step_s: float,
 ) -> Value:
-    """Return the speed that a lane will allow in the near future.
+    """Speed that a lane will allow in the near future.
 
     Source: `MSLCM_LC2013::anticipateFollowSpeed`: behind an accelerating leader the model's own speed one second
     ahead, else the speed that is safe now. Without a leader the end of the lane takes its place.
@@ -204,7 +249,7 @@ class _SlowerLeader(eqx.Module):
 def _slower_leader_on_the_left(
     ego: Ego, side: Side, following: Following, gain: Value, threshold: Value, interval_s: float, step_s: float
 ) -> _SlowerLeader:
-    """Return how a vehicle avoids passing a slower leader on the left lane on his right.
+    """How a vehicle avoids passing a slower leader on the left lane on his right.
 
     SUMO counts the gain when the model wants to go slower with the gap of 8 s later than with the present one. Its W99
     draws a random number in each of the two when the road is free, so the answer is yes in half of the steps; here
@@ -253,7 +298,7 @@ def _slower_leader_on_the_left(
 def _keep_right_rate(
     ego: Ego, side: Side, following: Following, threshold_right: Value, is_congested: Flag, step_s: float
 ) -> Value:
-    """Return how fast the obligation to keep right grows, per second.
+    """Growth of the obligation to keep right, per second.
 
     The obligation grows with the share of an acceptance time for which the right lane can be driven at full speed.
     """

@@ -12,8 +12,8 @@ from surrogate.lane_change.cooperation import NO_ADVICE, requests
 from surrogate.lane_change.gap_acceptance import Following
 from surrogate.lane_change.lanes import Lanes
 from surrogate.lane_change.old_follower import OldFollower
-from surrogate.lane_change.place import Place
 from surrogate.lane_change.surroundings import Wanted, following_of
+from surrogate.lane_change.vehicles_on_road import VehiclesOnRoad
 from surrogate.lane_change.view import judge_gaps, look_around
 from surrogate.vehicle.vehicle_class import VehicleClass
 from surrogate.xla.compaction import first_true
@@ -82,7 +82,7 @@ class _Asking(eqx.Module):
 
 
 def negotiate(
-    place: Place,
+    on_road: VehiclesOnRoad,
     duty: Duty,
     wanted: Wanted,
     old_follower: OldFollower | None,
@@ -93,7 +93,7 @@ def negotiate(
     """Let those who must change ask; they are few, so they are picked first.
 
     Args:
-        place: all vehicles and where they are.
+        on_road: all vehicles and where they are.
         duty: who must change.
         wanted: speeds that vehicles want.
         old_follower: who follows each in its own row; None if no model asks.
@@ -101,7 +101,7 @@ def negotiate(
         interval_s: time since the last decision.
         step_s: length of a time step.
     """
-    everybody = place.everybody
+    everybody = on_road.everybody
     num_entries = everybody.row.shape[0]
     number = max(FEWEST_URGENT, num_entries // URGENT_SHARE)
     must = duty.must_right | duty.must_left
@@ -111,7 +111,7 @@ def negotiate(
 
     def ask(tile: Tile) -> _Asking:
         chosen = Chosen(tile(entry))
-        part = place.part(chosen)
+        part = on_road.part(chosen)
         following = following_of(part.vehicles.vehicle_class, classes)
         need, beside, is_right = chosen((duty.lanes.need, lane, duty.must_right))
         around = look_around(part, wanted.part(chosen), Lanes(need, beside, beside), classes, interval_s, step_s)

@@ -1,8 +1,7 @@
 """Every lane-change model by name, with its parameters, their ranges and a usual value of each.
 
 To add a model: write its file, a subclass of `FreeModel`, and enter it here; `decide.py` then asks it and every law
-test runs for it. Ranges are those that calibrations of the model use; a calibration of a SUMO case has its own, in
-SUMO's names.
+test runs for it.
 """
 
 from collections.abc import Sequence
@@ -37,25 +36,29 @@ def check_known(classes: Sequence[VehicleClass]) -> None:
             raise TypeError(f"Expected a lane-change model of the registry ({', '.join(known.values())}), got {found}.")
 
 
-_STRATEGIC = Parameter("strategic", 1.0, 0.1, 10.0)
-_ASSERTIVE = Parameter("assertive", 1.0, 0.2, 5.0)
-_LOOK_AHEAD_LEFT = Parameter("look_ahead_left", 2.0, 0.5, 10.0)
+_STRATEGIC = Parameter("strategic", 1.0, 0.1, 10.0, is_logarithmic=True)
+_ASSERTIVE = Parameter("assertive", 1.0, 0.2, 5.0, traffic=(0.4, 4.0), is_logarithmic=True)
+_LOOK_AHEAD_LEFT = Parameter("look_ahead_left", 2.0, 0.5, 10.0, traffic=(0.5, 5.0), is_logarithmic=True)
+_LC2013 = (
+    _STRATEGIC,
+    Parameter("cooperative", 1.0, 0.0, 1.0),
+    Parameter("cooperative_speed", 1.0, 0.0, 1.0),
+    Parameter("speed_gain", 1.0, 0.05, 10.0, traffic=(0.1, 10.0), is_logarithmic=True, step=0.25),
+    Parameter("speed_gain_right", 0.1, 0.01, 1.0, traffic=(0.02, 2.0), is_logarithmic=True),
+    Parameter("speed_gain_remain_time_s", 20.0, 0.0, 60.0, traffic=(2.0, 60.0), is_logarithmic=True),
+    Parameter("keep_right", 1.0, 0.0, 10.0, traffic=(0.0, 5.0)),
+    _ASSERTIVE,
+    _LOOK_AHEAD_LEFT,
+)
 
+LC2013 = ModelEntry("lc2013", "SUMO's default model", Lc2013, _LC2013, source="documentation of SUMO")
 LANE_CHANGE_MODELS: tuple[ModelEntry[LaneChangeModel], ...] = (
-    ModelEntry(
-        "lc2013", "SUMO's default model", Lc2013,
-        (_STRATEGIC, Parameter("cooperative", 1.0, 0.0, 1.0), Parameter("cooperative_speed", 1.0, 0.0, 1.0),
-         Parameter("speed_gain", 1.0, 0.05, 10.0), Parameter("speed_gain_right", 0.1, 0.01, 1.0),
-         Parameter("speed_gain_remain_time_s", 20.0, 0.0, 60.0), Parameter("keep_right", 1.0, 0.0, 10.0), _ASSERTIVE,
-         _LOOK_AHEAD_LEFT),
-        {},
-    ),
+    LC2013,
     ModelEntry(
         "mobil", "model of Kesting, Treiber and Helbing", Mobil,
         (Parameter("politeness", 0.2, 0.0, 1.0), Parameter("safe_deceleration_mps2", 4.0, 0.5, 9.0),
          Parameter("changing_threshold_mps2", 0.1, 0.0, 2.0), Parameter("keep_right_bias_mps2", 0.2, 0.0, 2.0),
          Parameter("european_rule", 0.0, 0.0, 1.0), _STRATEGIC, _ASSERTIVE, _LOOK_AHEAD_LEFT),
-        {},
     ),
     ModelEntry(
         "vissim", "VISSIM's model as its manual describes it", Vissim,
@@ -68,6 +71,5 @@ LANE_CHANGE_MODELS: tuple[ModelEntry[LaneChangeModel], ...] = (
          Parameter("cooperative_deceleration_mps2", 3.0, 0.5, 9.0),
          Parameter("cooperative_speed_difference_mps", 3.0, 0.0, 10.0),
          Parameter("collision_time_s", 10.0, 1.0, 1000.0), _STRATEGIC, _LOOK_AHEAD_LEFT),
-        {},
     ),
 )  # fmt: skip

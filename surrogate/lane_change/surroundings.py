@@ -10,7 +10,7 @@ from jaxtyping import Array, Bool, Float, Int
 from surrogate.car_following.safe_speed import brake_gap_m
 from surrogate.lane_change.gap_acceptance import Ego, Following
 from surrogate.lane_change.lanes import LaneBeside
-from surrogate.lane_change.place import Place
+from surrogate.lane_change.vehicles_on_road import VehiclesOnRoad
 from surrogate.road.neighbours import Neighbour, shift_down
 from surrogate.road.traffic_state import VehicleArrays
 from surrogate.vehicle.lane_change_model import RouteNeed, Side
@@ -59,7 +59,7 @@ class Wanted(eqx.Module):
         return cls(desired_mps, shift_down(desired_mps, 0.0), desired_mps)
 
     def part(self, of: Callable[[Any], Any]) -> "Wanted":
-        """Return that of some vehicles; see `Place.part`."""
+        """Return that of some vehicles; see `VehiclesOnRoad.part`."""
         own_mps, leader_mps = of((self.own_mps, self.leader_mps))
         return Wanted(own_mps, leader_mps, self.everybodys_mps)
 
@@ -70,19 +70,19 @@ def sight_m(vehicles: VehicleArrays, following: Following, step_s: float) -> Val
     return braking_m + following.jam_gap_m
 
 
-def is_in_sight(place: Place, leader: Neighbour, edge_start_m: Value, sight_m: Value) -> Flag:
+def is_in_sight(on_road: VehiclesOnRoad, leader: Neighbour, edge_start_m: Value, sight_m: Value) -> Flag:
     """Return whether a leader exists and lies on the own edge or on one that begins within `sight_m`.
 
     Source: `MSLaneChanger::getRealLeader`: SUMO looks beyond the end of the edge only as far as the vehicle needs to
     stop, so a leader further on is as good as none.
     """
-    return leader.exists & (edge_start_m - place.vehicles.position_m <= sight_m)
+    return leader.exists & (edge_start_m - on_road.vehicles.position_m <= sight_m)
 
 
-def ego_of(place: Place, following: Following, wanted: Wanted, need: RouteNeed, sight_m: Value) -> Ego:
+def ego_of(on_road: VehiclesOnRoad, following: Following, wanted: Wanted, need: RouteNeed, sight_m: Value) -> Ego:
     """Return what each vehicle knows of itself and its own lane."""
-    vehicles, leader = place.vehicles, place.leader
-    in_sight = is_in_sight(place, leader, place.leader_edge_start_m, sight_m)
+    vehicles, leader = on_road.vehicles, on_road.leader
+    in_sight = is_in_sight(on_road, leader, on_road.leader_edge_start_m, sight_m)
     gap_m = leader.position_m - following.length_m(leader.vehicle_class) - vehicles.position_m - following.jam_gap_m
     return Ego(
         speed_mps=vehicles.speed_mps,
@@ -90,7 +90,7 @@ def ego_of(place: Place, following: Following, wanted: Wanted, need: RouteNeed, 
         max_speed_mps=wanted.own_mps,
         speed_limit_mps=vehicles.speed_limit_mps,
         length_m=following.length_m(vehicles.vehicle_class),
-        lane_length_m=place.at_segment(place.road.edge_length_m),
+        lane_length_m=on_road.at_segment(on_road.road.edge_length_m),
         leader_exists=in_sight,
         leader_gap_m=jnp.where(in_sight, gap_m, jnp.inf),
         leader_speed_mps=leader.speed_mps,
@@ -101,12 +101,12 @@ def ego_of(place: Place, following: Following, wanted: Wanted, need: RouteNeed, 
     )
 
 
-def side_of(place: Place, following: Following, wanted: Wanted, sight_m: Value, lane: LaneBeside) -> Side:
+def side_of(on_road: VehiclesOnRoad, following: Following, wanted: Wanted, sight_m: Value, lane: LaneBeside) -> Side:
     """Return one side of every vehicle."""
-    vehicles, entry = place.vehicles, lane.entry_ahead
-    leader = place.neighbour(entry, lane.row)
-    in_sight = is_in_sight(place, leader, take(place.everybodys_edge_start_m, entry), sight_m)
-    follower = place.neighbour(jnp.minimum(entry + 1, place.everybody.row.shape[0] - 1), lane.row)
+    vehicles, entry = on_road.vehicles, lane.entry_ahead
+    leader = on_road.neighbour(entry, lane.row)
+    in_sight = is_in_sight(on_road, leader, take(on_road.everybodys_edge_start_m, entry), sight_m)
+    follower = on_road.neighbour(jnp.minimum(entry + 1, on_road.everybody.row.shape[0] - 1), lane.row)
     length_m = following.length_m(vehicles.vehicle_class)
     leader_gap_m = leader.position_m - following.length_m(leader.vehicle_class) - vehicles.position_m
     follower_jam_m = following.of(follower.vehicle_class).field("jam_gap_m")

@@ -9,9 +9,9 @@ from surrogate.lane_change.gap_acceptance import Blocked, Ego, blocked
 from surrogate.lane_change.lanes import Lanes
 from surrogate.lane_change.lc2013 import Lc2013
 from surrogate.lane_change.old_follower import OldFollower
-from surrogate.lane_change.place import Place
 from surrogate.lane_change.strategy import Strategy, decayed_look_ahead_speed_mps, strategy
 from surrogate.lane_change.surroundings import Wanted, ego_of, following_of, side_of, sight_m
+from surrogate.lane_change.vehicles_on_road import VehiclesOnRoad
 from surrogate.road.traffic_state import VehicleArrays
 from surrogate.vehicle.lane_change_model import Side
 from surrogate.vehicle.vehicle_class import VehicleClass, select_record
@@ -44,7 +44,7 @@ class View(eqx.Module):
 
 
 def look_around(
-    part: Place,
+    part: VehiclesOnRoad,
     wanted: Wanted,
     lanes: Lanes,
     classes: tuple[VehicleClass, ...],
@@ -98,7 +98,7 @@ class Judgement(eqx.Module):
 
 
 def judge_gaps(
-    part: Place,
+    part: VehiclesOnRoad,
     around: View,
     old_follower: OldFollower | None,
     classes: tuple[VehicleClass, ...],

@@ -3,7 +3,7 @@
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from surrogate.effects.apply import done, habits_of, ordered, perceived, remembered
+from surrogate.effects.apply import actuate, habits_of, order_acceleration, perceive_situation, remember_step
 from surrogate.effects.base import Moment
 from surrogate.effects.settings import Effects
 from surrogate.keyed_random import Purpose, uniform
@@ -67,7 +67,7 @@ def move(
     )
     moment, habits = Moment(vehicles, classes, seed, step, step_s, second), None
     if effects is not None:
-        situation, habits = materialise((perceived(effects, situation, moment), habits_of(effects, moment)))
+        situation, habits = materialise((perceive_situation(effects, situation, moment), habits_of(effects, moment)))
     model = CarFollowingMix(tuple(c.car_following for c in classes), vehicles.vehicle_class, habits)
     acceleration = model.acceleration(situation, step_s)
     if leader_beside is not None:
@@ -95,8 +95,8 @@ def move(
     acceleration = jnp.minimum(heeded, jnp.where((own <= acceleration) & (own >= standstill), own, acceleration))
     acceleration = order = materialise(acceleration)
     if effects is not None:
-        order = ordered(effects, acceleration, desired_mps, model, moment)
-        acceleration = materialise(done(effects, order, moment))
+        order = order_acceleration(effects, acceleration, desired_mps, model, moment)
+        acceleration = materialise(actuate(effects, order, moment))
     new_v = jnp.where(is_vehicle, next_speed_mps(v, acceleration, step_s), 0.0)
     collided = is_vehicle & leader.exists & (gap_m < 0.0)
     moved = jnp.where(is_vehicle, vehicles.position_m + step_s * new_v, vehicles.position_m)
@@ -104,7 +104,7 @@ def move(
         vehicles, position_m=moved, speed_mps=new_v, acceleration_mps2=jnp.where(is_vehicle, (new_v - v) / step_s, 0.0)
     )
     if effects is not None:
-        vehicles = remembered(effects, Moment(vehicles, classes, seed, step, step_s), order)
+        vehicles = remember_step(effects, Moment(vehicles, classes, seed, step, step_s), order)
     return vehicles, collided
 
 

@@ -18,25 +18,25 @@ from surrogate.road.traffic_state import TrafficState, VehicleArrays
 def perceive_all(
     state: TrafficState, world: World, sensor: Sensor, time_s: Float[Array, ""]
 ) -> tuple[TrafficState, PerceptionFrame, Int[Array, "*subject object"]]:
-    """Return what `perceive` returns, with a leading axis for subject vehicles if there are several."""
+    """What `perceive` returns, with a leading axis for subject vehicles if there are several."""
     if not world.subject.num_subjects:
         return perceive(state, world.road, sensor, world.subject_class, time_s)
 
-    def one(number: Array, track: Array, num_tracks: Array) -> tuple[Array, Array, PerceptionFrame, Array]:
+    def perceive_for(number: Array, track: Array, num_tracks: Array) -> tuple[Array, Array, PerceptionFrame, Array]:
         own = eqx.tree_at(lambda s: (s.vehicles.track, s.num_tracks), state, (track, num_tracks))
         identity = subject_identity(world.inflow.num_entrances) + number
         own, frame, entry = perceive(own, world.road, sensor, world.subject_class, time_s, identity)
         return own.vehicles.track, own.num_tracks, frame, entry
 
     numbers = jnp.arange(world.subject.num_subjects, dtype=jnp.int32)
-    track, num_tracks, frames, entries = jax.vmap(one, in_axes=(0, 1, 0), out_axes=(1, 0, 0, 0))(
+    track, num_tracks, frames, entries = jax.vmap(perceive_for, in_axes=(0, 1, 0), out_axes=(1, 0, 0, 0))(
         numbers, state.vehicles.track, state.num_tracks
     )
     return eqx.tree_at(lambda s: (s.vehicles.track, s.num_tracks), state, (track, num_tracks)), frames, entries
 
 
 def who_left(leaves: Bool[Array, " vehicle"], vehicles: VehicleArrays, world: World) -> Bool[Array, "*subject"]:
-    """Return whether each subject vehicle is among the vehicles that leave the road."""
+    """Whether each subject vehicle is among the vehicles that leave the road."""
     leaves = leaves & world.is_subject(vehicles)
     if not world.subject.num_subjects:
         return jnp.any(leaves)
@@ -46,5 +46,5 @@ def who_left(leaves: Bool[Array, " vehicle"], vehicles: VehicleArrays, world: Wo
 
 
 def all_have_left(left: Bool[Array, " run *subject"]) -> Bool[Array, " run"]:
-    """Return in which runs no subject vehicle is left to wait for."""
+    """In which runs no subject vehicle is left to wait for."""
     return left if left.ndim == 1 else jnp.all(left, axis=1)

@@ -5,16 +5,16 @@ runs shares one loop. That may end when most subject vehicles have arrived: the 
 costs less than to wait for them.
 """
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from surrogate.effects.apply import appeared, sensed, start_of_sensing
-from surrogate.loop.course import Course, Observer, ObserverState, RunPlan, RunRecord, record_of, vehicles_on_road
+from surrogate.effects.apply import sense_frame, show_lane_changes, start_of_sensing
 from surrogate.loop.moving import move_on
+from surrogate.loop.run_state import Observer, ObserverState, RunPlan, RunRecord, RunState, record_of, vehicles_on_road
 from surrogate.loop.several_subjects import all_have_left, perceive_all
 from surrogate.loop.step import initial_state, settle_lanes
 from surrogate.loop.world import World
@@ -34,7 +34,7 @@ def observe_batch(
     end_s: Float[Array, ""],
     states: TrafficState | None = None,
 ) -> RunRecord:
-    """Return the records of a batch of runs, each from its beginning to its end.
+    """Records of a batch of runs, each from its beginning to its end.
 
     Args:
         worlds: the runs; leaves that differ between runs have a leading axis for them.
@@ -46,15 +46,15 @@ def observe_batch(
         end_s: runs end then at the latest.
         states: the roads at time 0, with a leading axis for runs; empty ones unless given.
     """
-    course = at_start(worlds, axes, sensor, observer, plan, states)
-    firsts_s = jnp.broadcast_to(first_frame_s, course.is_over.shape)
-    return go_on(course, worlds, axes, sensor, observer, plan, firsts_s, end_s, jnp.zeros((), jnp.int32)).record
+    runs = at_start(worlds, axes, sensor, observer, plan, states)
+    firsts_s = jnp.broadcast_to(first_frame_s, runs.is_over.shape)
+    return go_on(runs, worlds, axes, sensor, observer, plan, firsts_s, end_s, jnp.zeros((), jnp.int32)).record
 
 
 def at_start(
     worlds: World, axes: World, sensor: Sensor, observer: Observer, plan: RunPlan, states: TrafficState | None = None
-) -> Course:
-    """Return where runs are at time 0; for the arguments see `observe_batch`."""
+) -> RunState:
+    """State of runs at time 0; for the arguments see `observe_batch`."""
     num_runs = worlds.seed.shape[0]
 
     def first(world: World) -> TrafficState:
@@ -69,11 +69,11 @@ def at_start(
     observed = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (*leading, *jnp.shape(leaf))), start)
     seen = _finished(observer, observed if worlds.effects is None else observed[0], len(leading))
     record = record_of(states, seen, vehicles_on_road(states), jnp.zeros((num_runs,), jnp.int32))
-    return Course(states, observed, record, jnp.zeros((num_runs,), bool))
+    return RunState(states, observed, record, jnp.zeros((num_runs,), bool))
 
 
 def go_on(
-    course: Course,
+    runs: RunState,
     worlds: World,
     axes: World,
     sensor: Sensor,
@@ -82,13 +82,13 @@ def go_on(
     first_frame_s: Float[Array, " run"],
     end_s: Float[Array, ""],
     most_unfinished: Int[Array, ""],
-) -> Course:
-    """Return where runs are when all but a few have ended.
+) -> RunState:
+    """State of the runs when all but a few have ended.
 
     What a run comes to does not depend on when it is interrupted, nor on the runs beside it.
 
     Args:
-        course: where they are.
+        runs: where they are.
         worlds: the runs; see `observe_batch` for this and what is not told here.
         axes: which leaves of them differ.
         sensor: the subject vehicles' sensors.
@@ -98,108 +98,123 @@ def go_on(
         end_s: runs end then at the latest.
         most_unfinished: so many runs may be left.
     """
-    clock = plan.clock
+    loop = _Loop(worlds, axes, sensor, observer, plan, end_s)
+    clock, frames = plan.clock, plan.frames
 
-    decisions_per_frame = max(1, plan.steps_per_frame // clock.steps_per_decision)
-    frames_per_decision = max(1, clock.steps_per_decision // plan.steps_per_frame)
-    steps_per_cycle = max(plan.steps_per_frame, clock.steps_per_decision)
-    cycles_per_block = max(1, round(plan.block_s / clock.step_s / steps_per_cycle))
-    steps_before = plan.steps_before_decision
-    steps_after = min(plan.steps_per_frame, clock.steps_per_decision) - steps_before
+    def cycle(is_on: Bool[Array, " run"], is_seen: Bool[Array, ""], states: TrafficState, observed: Any) -> Any:
+        # no condition differs between runs, so branches are skipped; nor does num_tiles
+        num_tiles = tiles_for(jnp.max(is_on * states.head[:, -1]) + most_newcomers, plan.capacity)
+        for _more in range(frames.decisions_per_frame - 1):
+            states = loop.settle(loop.move(states, frames.steps_before, num_tiles), is_seen, num_tiles)
+            states = loop.move(states, frames.steps_after, num_tiles)
+        states = loop.settle(loop.move(states, frames.steps_before, num_tiles), is_seen, num_tiles)
 
-    def go(
-        states: TrafficState, num_steps: int | Int[Array, ""], num_tiles: Int[Array, ""], most_steps: int | None = None
-    ) -> TrafficState:
-        def one(state: TrafficState, world: World) -> TrafficState:
-            return move_on(state, world, clock.step_s, num_steps, num_tiles, most_steps)
-
-        return jax.vmap(one, in_axes=(0, axes))(states, worlds)
-
-    def settle(states: TrafficState, plans: Bool[Array, ""], num_tiles: Int[Array, ""]) -> TrafficState:
-        def one(state: TrafficState, world: World) -> TrafficState:
-            return settle_lanes(state, world, clock, num_tiles, plans)
-
-        return jax.vmap(one, in_axes=(0, axes))(states, worlds)
-
-    def see(state: TrafficState, observed: ObserverState, world: World) -> tuple[Array, Array, ObserverState]:
-        has_effects = world.effects is not None
-        observed, sensor_memory = observed if has_effects else (observed, {})
-        time_s = state.step.astype(jnp.float32) * clock.step_s
-        with jax.named_scope("perceive"):
-            state, seen_now, entry = perceive_all(state, world, sensor, time_s)
-        in_time = time_s <= end_s + 0.5 * clock.step_s
-        seen_now = eqx.tree_at(lambda one: one.valid, seen_now, seen_now.valid & in_time)
-
-        def watch(frame: PerceptionFrame, entry: Array, observed: ObserverState, sensor_memory: Any) -> Any:
-            if world.effects is not None:
-                with jax.named_scope("sense"):
-                    frame = appeared(world.effects, frame, state.vehicles, entry)
-                    frame, sensor_memory = sensed(world.effects, frame, sensor_memory, world.seed)
-            with jax.named_scope("observe"):
-                # a program of its own, which rounds alike whatever made the frame
-                return observer.update(observed, materialise(frame)), sensor_memory
-
-        if world.subject.num_subjects:
-            watch = jax.vmap(watch)
-        observed, sensor_memory = watch(seen_now, entry, observed, sensor_memory)
-        return state.vehicles.track, state.num_tracks, (observed, sensor_memory) if has_effects else observed
-
-    def block(course: Course) -> Course:
-        states, observed, record = course.states, course.observed, course.record
-        is_on = ~course.is_over
-        is_seen = jnp.any(is_on & (states.step >= first_seen_step))
-
-        def cycle(_: Int[Array, ""], carry: tuple[TrafficState, ObserverState]) -> Any:
-            # no condition differs between runs, so branches are skipped; nor does num_tiles
+        def to_frame(number: Int[Array, ""], carry: tuple[TrafficState, ObserverState]) -> Any:
             states, observed = carry
-            num_tiles = tiles_for(jnp.max(is_on * states.head[:, -1]) + most_newcomers, plan.capacity)
-            for _more in range(decisions_per_frame - 1):
-                states = settle(go(states, steps_before, num_tiles), is_seen, num_tiles)
-                states = go(states, steps_after, num_tiles)
-            states = settle(go(states, steps_before, num_tiles), is_seen, num_tiles)
+            # one loop for any number of steps, so that a run is the same to the bit, seen or not
+            steps_seen = jnp.where(number == 0, frames.steps_after, plan.steps_per_frame)
+            num_steps = jnp.where(is_seen, steps_seen, frames.steps_unseen)
+            states = loop.move(states, num_steps, num_tiles, frames.steps_unseen)
+            unseen = states.vehicles.track, states.num_tracks, observed
+            track, num_tracks, observed = jax.lax.cond(
+                is_seen,
+                lambda: jax.vmap(loop.see, in_axes=(0, 0, axes))(states, observed, worlds),
+                lambda: unseen,
+            )
+            return eqx.tree_at(lambda s: (s.vehicles.track, s.num_tracks), states, (track, num_tracks)), observed
 
-            def to_frame(number: Int[Array, ""], carry: tuple[TrafficState, ObserverState]) -> Any:
-                states, observed = carry
-                # one loop for any number of steps, so that a run is the same to the bit, seen or not
-                num_steps = jnp.where(is_seen, jnp.where(number == 0, steps_after, plan.steps_per_frame), steps_unseen)
-                states = go(states, num_steps, num_tiles, steps_unseen)
-                unseen = states.vehicles.track, states.num_tracks, observed
-                track, num_tracks, observed = jax.lax.cond(
-                    is_seen,
-                    lambda: jax.vmap(see, in_axes=(0, 0, axes))(states, observed, worlds),
-                    lambda: unseen,
-                )
-                return eqx.tree_at(lambda s: (s.vehicles.track, s.num_tracks), states, (track, num_tracks)), observed
+        return jax.lax.fori_loop(0, jnp.where(is_seen, frames.frames_per_decision, 1), to_frame, (states, observed))
 
-            return jax.lax.fori_loop(0, jnp.where(is_seen, frames_per_decision, 1), to_frame, (states, observed))
-
-        states, observed = jax.lax.fori_loop(0, cycles_per_block, cycle, (states, observed))
-        num_vehicle_steps = record.num_vehicle_steps + steps_per_block * vehicles_on_road(states)
+    def block(runs: RunState) -> RunState:
+        record = runs.record
+        is_on = ~runs.is_over
+        is_seen = jnp.any(is_on & (runs.states.step >= first_seen_step))
+        states, observed = jax.lax.fori_loop(
+            0, frames.cycles_per_block, lambda _, carry: cycle(is_on, is_seen, *carry), (runs.states, runs.observed)
+        )
+        num_vehicle_steps = record.num_vehicle_steps + frames.steps_per_block * vehicles_on_road(states)
         later = record_of(states, record.observed, record.num_on_road, num_vehicle_steps)
         record = jax.tree.map(
-            lambda old, new: jnp.where(course.is_over.reshape(-1, *[1] * (new.ndim - 1)), old, new), record, later
+            lambda old, new: jnp.where(runs.is_over.reshape(-1, *[1] * (new.ndim - 1)), old, new), record, later
         )
         is_late = states.step.astype(jnp.float32) * clock.step_s >= end_s
         # a run that has lost a vehicle is worth nothing any more
         has_left = all_have_left(states.subject_left)
-        is_over = course.is_over | has_left | is_late | (states.num_lost > 0)
-        return Course(states, observed, record, is_over)
+        is_over = runs.is_over | has_left | is_late | (states.num_lost > 0)
+        return RunState(states, observed, record, is_over)
 
-    def is_short(course: Course) -> Bool[Array, ""]:
-        return jnp.sum(~course.is_over) > most_unfinished
+    def is_short(runs: RunState) -> Bool[Array, ""]:
+        return jnp.sum(~runs.is_over) > most_unfinished
 
-    most_newcomers = decisions_per_frame * jnp.sum(worlds.inflow.lane_row >= 0)
+    most_newcomers = frames.decisions_per_frame * jnp.sum(worlds.inflow.lane_row >= 0)
     # whole blocks are seen or not, so that a run sees the same frames in whichever batch it is
-    steps_per_block = cycles_per_block * steps_per_cycle
-    steps_unseen = steps_after + (frames_per_decision - 1) * plan.steps_per_frame
-    first_seen_step = jnp.floor(first_frame_s / clock.step_s / steps_per_block).astype(jnp.int32) * steps_per_block
-    course = jax.lax.while_loop(is_short, block, course)
-    observed = course.observed if worlds.effects is None else course.observed[0]
-    seen = _finished(observer, observed, course.states.subject_inserted.ndim)
-    return eqx.tree_at(lambda one: one.record.observed, course, seen)
+    first_seen_block = jnp.floor(first_frame_s / clock.step_s / frames.steps_per_block)
+    first_seen_step = first_seen_block.astype(jnp.int32) * frames.steps_per_block
+    runs = jax.lax.while_loop(is_short, block, runs)
+    observed = runs.observed if worlds.effects is None else runs.observed[0]
+    seen = _finished(observer, observed, runs.states.subject_inserted.ndim)
+    return eqx.tree_at(lambda r: r.record.observed, runs, seen)
+
+
+class _Loop(NamedTuple):
+    """What is done again and again with a batch of runs; for the fields see `observe_batch`."""
+
+    worlds: World
+    axes: World
+    sensor: Sensor
+    observer: Observer
+    plan: RunPlan
+    end_s: Float[Array, ""]
+
+    def move(
+        self,
+        states: TrafficState,
+        num_steps: int | Int[Array, ""],
+        num_tiles: Int[Array, ""],
+        most_steps: int | None = None,
+    ) -> TrafficState:
+        """Let time pass on all roads."""
+
+        def move_one(state: TrafficState, world: World) -> TrafficState:
+            return move_on(state, world, self.plan.clock.step_s, num_steps, num_tiles, most_steps)
+
+        return jax.vmap(move_one, in_axes=(0, self.axes))(states, self.worlds)
+
+    def settle(self, states: TrafficState, plans: Bool[Array, ""], num_tiles: Int[Array, ""]) -> TrafficState:
+        """Make a decision on all roads."""
+
+        def settle_one(state: TrafficState, world: World) -> TrafficState:
+            return settle_lanes(state, world, self.plan.clock, num_tiles, plans)
+
+        return jax.vmap(settle_one, in_axes=(0, self.axes))(states, self.worlds)
+
+    def see(self, state: TrafficState, observed: ObserverState, world: World) -> tuple[Array, Array, ObserverState]:
+        """Tracks, their number and what the observer has seen after one more frame of one run."""
+        has_effects = world.effects is not None
+        observed, sensor_memory = observed if has_effects else (observed, {})
+        step_s = self.plan.clock.step_s
+        time_s = state.step.astype(jnp.float32) * step_s
+        with jax.named_scope("perceive"):
+            state, frame, entry = perceive_all(state, world, self.sensor, time_s)
+        in_time = time_s <= self.end_s + 0.5 * step_s
+        frame = eqx.tree_at(lambda f: f.valid, frame, frame.valid & in_time)
+
+        def watch(frame: PerceptionFrame, entry: Array, observed: ObserverState, sensor_memory: Any) -> Any:
+            if world.effects is not None:
+                with jax.named_scope("sense"):
+                    frame = show_lane_changes(world.effects, frame, state.vehicles, entry)
+                    frame, sensor_memory = sense_frame(world.effects, frame, sensor_memory, world.seed)
+            with jax.named_scope("observe"):
+                # a program of its own, which rounds alike whatever made the frame
+                return self.observer.update(observed, materialise(frame)), sensor_memory
+
+        if world.subject.num_subjects:
+            watch = jax.vmap(watch)
+        observed, sensor_memory = watch(frame, entry, observed, sensor_memory)
+        return state.vehicles.track, state.num_tracks, (observed, sensor_memory) if has_effects else observed
 
 
 def _finished(observer: Observer, observed: ObserverState, num_axes: int) -> Array:
-    """Return what drives come to; runs, and subject vehicles if there are several, are leading axes."""
+    """What drives come to; runs, and subject vehicles if there are several, are leading axes."""
     finish = jax.vmap(observer.finish)
     return (jax.vmap(finish) if num_axes > 1 else finish)(observed)

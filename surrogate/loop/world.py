@@ -12,7 +12,7 @@ from surrogate.lane_change.manoeuvre import (
 from surrogate.loop.distant import DistantDrivers
 from surrogate.road.road import Road
 from surrogate.road.traffic_state import VehicleArrays
-from surrogate.subject.logged_drive import Replay
+from surrogate.subject.logged_drive import LoggedMotion
 from surrogate.subject.planner import Planner
 from surrogate.vehicle.vehicle_class import VehicleClass
 
@@ -63,7 +63,7 @@ class World(eqx.Module):
     subject: SubjectPlan
     seed: Int[Array, ""]
     effects: Effects | None = None
-    driver: Planner | Replay | None = None
+    driver: Planner | LoggedMotion | None = None
     distant: DistantDrivers | None = None
 
     @property

@@ -111,8 +111,8 @@ class TrafficState(eqx.Module):
         subject_left: whether it has reached its destination.
         num_tracks: vehicles that it has detected so far.
         num_collisions: vehicle steps with overlapping vehicles.
-        num_subject_overlaps: steps in which a replayed subject vehicle overlaps another vehicle; None where none is
-            replayed.
+        num_subject_overlaps: steps in which a subject vehicle that repeats its log overlaps another vehicle; None where
+            none does.
         num_lost: vehicles that could not enter because the arrays were full, summed over decisions.
         num_lane_changes: lane changes by reason; see `lane_change.base.Reason`.
         manoeuvres: changes under way; None where they take no time.

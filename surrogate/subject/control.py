@@ -5,7 +5,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
 from surrogate.lane_change.cooperation import NO_ADVICE
-from surrogate.lane_change.place import Place
+from surrogate.lane_change.vehicles_on_road import VehiclesOnRoad
 from surrogate.subject.planner import Planner, plan
 from surrogate.subject.view import OWN_LANE, look_around
 from surrogate.vehicle.lane_change_model import STAY, LaneChangeDecision, Reason
@@ -30,7 +30,7 @@ def with_planned_acceleration(
 def with_plan(
     decision: LaneChangeDecision,
     planner: Planner,
-    place: Place,
+    on_road: VehiclesOnRoad,
     classes: tuple[VehicleClass, ...],
     subject_class: int,
     interval_s: float,
@@ -41,14 +41,14 @@ def with_plan(
     slower; what others ask of it is its planner's business, so it is dropped.
     """
     view = look_around(
-        place.vehicles, place.head, place.road, classes, subject_class, planner.ahead_m, planner.behind_m
+        on_road.vehicles, on_road.head, on_road.road, classes, subject_class, planner.ahead_m, planner.behind_m
     )
     # both once for a vehicle, not once for each entry of the arrays that they are written into
     view = materialise(view)
     chosen = materialise(plan(planner, view, interval_s))
     is_needed = view.lanes.num_changes[OWN_LANE] > 0
     reason = jnp.where(is_needed, Reason.STRATEGIC, Reason.SPEED_GAIN).astype(jnp.int32)
-    is_subject = place.vehicles.vehicle_class == subject_class
+    is_subject = on_road.vehicles.vehicle_class == subject_class
     return LaneChangeDecision(
         direction=jnp.where(is_subject, chosen.direction, decision.direction),
         reason=jnp.where(is_subject, reason, decision.reason),

@@ -15,7 +15,7 @@ from surrogate.vehicle.lane_change_model import LEFT, STAY, LaneChangeDecision, 
 from surrogate.xla.gather import take
 
 
-class Replay(eqx.Module):
+class LoggedMotion(eqx.Module):
     """Logged drives, one sample for each step of the simulation from its beginning on.
 
     Attributes:
@@ -24,7 +24,7 @@ class Replay(eqx.Module):
         row: row of the road at the next frame.
         first_step: step at whose beginning the log begins.
         num_steps: number of samples; later ones are filled up.
-        log: which of the drives this run replays.
+        log: which of the drives this run repeats.
     """
 
     position_m: Float[Array, "drive step"]
@@ -46,11 +46,15 @@ class Replay(eqx.Module):
 
 
 def impose(
-    replay: Replay, vehicles: VehicleArrays, is_subject: Bool[Array, " vehicle"], step: Int[Array, ""], step_s: float
+    motion: LoggedMotion,
+    vehicles: VehicleArrays,
+    is_subject: Bool[Array, " vehicle"],
+    step: Int[Array, ""],
+    step_s: float,
 ) -> VehicleArrays:
     """Return the vehicles with the subject vehicle where its log has it at the beginning of `step`."""
-    position_m, speed_mps, _ = replay.at(step)
-    _, before_mps, _ = replay.at(step - 1)
+    position_m, speed_mps, _ = motion.at(step)
+    _, before_mps, _ = motion.at(step - 1)
     acceleration = (speed_mps - before_mps) / step_s
     return with_changes(
         vehicles,
@@ -78,12 +82,12 @@ def staying(decision: LaneChangeDecision, is_subject: Bool[Array, " vehicle"]) -
 
 
 def with_logged_lane(
-    decision: LaneChangeDecision, replay: Replay, state: TrafficState, is_subject: Bool[Array, " vehicle"]
+    decision: LaneChangeDecision, motion: LoggedMotion, state: TrafficState, is_subject: Bool[Array, " vehicle"]
 ) -> LaneChangeDecision:
     """Return the decision with the subject vehicle going to its logged lane, and to its place among those there."""
     vehicles = state.vehicles
     entry = jnp.argmax(is_subject).astype(jnp.int32)
-    _, _, row = replay.at(state.step)
+    _, _, row = motion.at(state.step)
     place = _entry_ahead(state, is_subject, take(vehicles.position_m, entry), row, entry)
     moves = is_subject & ((vehicles.row != row) | (place != entry - 1))
     return eqx.tree_at(
@@ -98,12 +102,12 @@ def with_logged_lane(
     )
 
 
-def as_logged(candidates: Entrants, replay: Replay, road: Road, state: TrafficState) -> Entrants:
+def as_logged(candidates: Entrants, motion: LoggedMotion, road: Road, state: TrafficState) -> Entrants:
     """Return the newcomers with the subject vehicle entering where its log begins, whoever is there."""
-    position_m, speed_mps, row = replay.at(state.step)
+    position_m, speed_mps, row = motion.at(state.step)
     nobody = jnp.zeros_like(state.vehicles.is_vehicle)
     place = _entry_ahead(state, nobody, position_m, row, jnp.asarray(-1))
-    begins = (state.step >= take(replay.first_step, replay.log)) & ~replay.is_over(state.step)
+    begins = (state.step >= take(motion.first_step, motion.log)) & ~motion.is_over(state.step)
     is_subject = candidates.is_subject
     flat = is_subject.reshape(-1)
     limit = take(road.speed_limit_mps.reshape(-1), row * road.num_segments + road.segment_at(position_m))

@@ -114,7 +114,7 @@ def plan(planner: Planner, view: SubjectView, interval_s: float) -> Plan:
 def plan_costs(
     planner: Planner, view: SubjectView, acceleration_mps2: Float[Array, " acceleration"]
 ) -> Float[Array, "manoeuvre acceleration"]:
-    """Return the cost of every pair of manoeuvre and acceleration.
+    """Cost of every pair of manoeuvre and acceleration.
 
     J = safety_weight * mean risk + efficiency_weight * (mean speed lost [m/s] + route) + comfort_weight * comfort
 
@@ -138,43 +138,12 @@ def plan_costs(
     leader_x, leader_v = rollout.of_leader(lanes.leader_speed_mps, lanes.leader_acceleration_mps2, jnp.asarray(times_s))
     leader_rear = leader_gap[:, None] + leader_x  # lane, time
     stop = jnp.minimum(lanes.stop_m, rollout.FARTHEST_M)
-
-    def ahead_of(which: np.ndarray | int) -> tuple[Array, Array]:
-        """Return the least gap and the largest risk to leader and end of a lane."""
-        gap = jnp.atleast_2d(leader_rear[which])[:, None, :] - x
-        to_stop = jnp.atleast_1d(stop[which])[:, None, None] - x
-        braking = jnp.sqrt(planner.max_acceleration_mps2 * planner.comfortable_deceleration_mps2)
-        mps = jnp.atleast_2d(leader_v[which])[:, None, :]
-        wanted = rollout.desired_gap_m(v, mps, planner.jam_gap_m, planner.time_gap_s, braking)
-        to_stand = rollout.desired_gap_m(v, jnp.zeros_like(v), planner.jam_gap_m, 0.0 * planner.time_gap_s, braking)
-        danger = jnp.maximum(rollout.risk(gap, wanted), rollout.risk(to_stop, to_stand))
-        return jnp.minimum(gap, to_stop), danger
-
-    own_gap, own_risk = ahead_of(OWN_LANE)
-    new_gap, new_risk = ahead_of(lane)
+    leader = leader_rear, leader_v
+    own_gap, own_risk = _ahead_of(OWN_LANE, planner, leader, stop, (x, v))
+    new_gap, new_risk = _ahead_of(lane, planner, leader, stop, (x, v))
     gap = jnp.where(has_changed, new_gap, own_gap)
     ahead_risk = jnp.where(has_changed, new_risk, own_risk)
-
-    behind_gap, behind_v = rollout.of_follower(
-        gap_m=jnp.minimum(lanes.follower_gap_m, rollout.FARTHEST_M)[lane][:, None],
-        speed_mps=lanes.follower_speed_mps[lane][:, None],
-        desired_mps=jnp.maximum(lanes.desired_speed_mps, lanes.follower_speed_mps)[lane][:, None],
-        own_leader=(
-            (lanes.follower_gap_m + view.length_m)[lane][:, None, None].clip(max=rollout.FARTHEST_M)
-            + leader_rear[lane][:, None, :],
-            leader_v[lane][:, None, :],
-        ),
-        subject=(x, v),
-        is_before_it=has_changed,
-        driver=(
-            planner.jam_gap_m,
-            planner.time_gap_s,
-            planner.max_acceleration_mps2,
-            planner.comfortable_deceleration_mps2,
-        ),
-        yield_mps2=planner.yield_deceleration_mps2,
-        step_s=planner.prediction_step_s,
-    )
+    behind_gap, behind_v = _behind(planner, view, lane, leader, (x, v), has_changed)
     braking = jnp.sqrt(planner.max_acceleration_mps2 * planner.comfortable_deceleration_mps2)
     behind_wanted = rollout.desired_gap_m(behind_v, v, planner.jam_gap_m, planner.time_gap_s, braking)
     has_follower = (lanes.follower_gap_m < jnp.inf)[lane][:, None, None] & has_changed
@@ -203,6 +172,61 @@ def plan_costs(
     return jnp.where(is_narrow | no_lane, 100.0 * FORBIDDEN, cost)
 
 
+def _ahead_of(
+    lane: np.ndarray | int, planner: Planner, leader: tuple[Array, Array], stop_m: Array, subject: tuple[Array, Array]
+) -> tuple[Array, Array]:
+    """Least gap and largest risk to leader and end of a lane.
+
+    Args:
+        lane: one for each manoeuvre, or the same for all.
+        planner: the planner.
+        leader: rear and speed of the leader in each lane, time last.
+        stop_m: distance to the end of each lane.
+        subject: distances and speeds of the subject vehicle, time last.
+    """
+    (leader_rear, leader_v), (x, v) = leader, subject
+    gap = jnp.atleast_2d(leader_rear[lane])[:, None, :] - x
+    to_stop = jnp.atleast_1d(stop_m[lane])[:, None, None] - x
+    braking = jnp.sqrt(planner.max_acceleration_mps2 * planner.comfortable_deceleration_mps2)
+    mps = jnp.atleast_2d(leader_v[lane])[:, None, :]
+    wanted = rollout.desired_gap_m(v, mps, planner.jam_gap_m, planner.time_gap_s, braking)
+    to_stand = rollout.desired_gap_m(v, jnp.zeros_like(v), planner.jam_gap_m, 0.0 * planner.time_gap_s, braking)
+    danger = jnp.maximum(rollout.risk(gap, wanted), rollout.risk(to_stop, to_stand))
+    return jnp.minimum(gap, to_stop), danger
+
+
+def _behind(
+    planner: Planner,
+    view: SubjectView,
+    lane: np.ndarray,
+    leader: tuple[Array, Array],
+    subject: tuple[Array, Array],
+    has_changed: np.ndarray,
+) -> tuple[Array, Array]:
+    """Gap to the follower in the lane of each manoeuvre and his speed, time last; for the others see `_ahead_of`."""
+    (leader_rear, leader_v), lanes = leader, view.lanes
+    return rollout.of_follower(
+        gap_m=jnp.minimum(lanes.follower_gap_m, rollout.FARTHEST_M)[lane][:, None],
+        speed_mps=lanes.follower_speed_mps[lane][:, None],
+        desired_mps=jnp.maximum(lanes.desired_speed_mps, lanes.follower_speed_mps)[lane][:, None],
+        own_leader=(
+            (lanes.follower_gap_m + view.length_m)[lane][:, None, None].clip(max=rollout.FARTHEST_M)
+            + leader_rear[lane][:, None, :],
+            leader_v[lane][:, None, :],
+        ),
+        subject=subject,
+        is_before_it=has_changed,
+        driver=(
+            planner.jam_gap_m,
+            planner.time_gap_s,
+            planner.max_acceleration_mps2,
+            planner.comfortable_deceleration_mps2,
+        ),
+        yield_mps2=planner.yield_deceleration_mps2,
+        step_s=planner.prediction_step_s,
+    )
+
+
 def _room_at_change(
     planner: Planner,
     view: SubjectView,
@@ -211,7 +235,7 @@ def _room_at_change(
     ahead: tuple[Array, Array],
     behind: tuple[Array, Array],
 ) -> tuple[Float[Array, "manoeuvre acceleration"], Float[Array, "manoeuvre acceleration"]]:
-    """Return by how much the gaps ahead and behind exceed what the planner claims, when it enters the lane."""
+    """By how much the gaps ahead and behind exceed what the planner claims, when it enters the lane."""
     (gap_ahead, v), (gap_behind, behind_v) = ahead, behind
     step = np.maximum(np.rint(delay_s / planner.prediction_step_s).astype(int) - 1, 0)
     number = np.arange(len(lane))

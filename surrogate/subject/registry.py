@@ -6,6 +6,7 @@ from typing import Any
 
 import jax.numpy as jnp
 
+from surrogate.car_following.common_parameters import JAM_GAP, MAX_ACCELERATION, TIME_GAP
 from surrogate.car_following.krauss import Krauss
 from surrogate.car_following.registry import CAR_FOLLOWING_MODELS, car_following_model
 from surrogate.subject.following import driven_by
@@ -25,9 +26,9 @@ PLANNER_PARAMETERS = (
     Parameter("safety_weight", 1.0, 0.0, 100.0),
     Parameter("efficiency_weight", 1.0, 0.0, 100.0),
     Parameter("comfort_weight", 0.5, 0.0, 100.0),
-    Parameter("jam_gap_m", 2.0, 0.5, 6.0),
-    Parameter("time_gap_s", 1.2, 0.3, 3.5),
-    Parameter("max_acceleration_mps2", 1.5, 0.3, 4.0),
+    JAM_GAP,
+    TIME_GAP,
+    MAX_ACCELERATION,
     Parameter("comfortable_deceleration_mps2", 2.0, 0.5, 6.0),
     Parameter("yield_deceleration_mps2", 1.5, 0.1, 4.0),
     Parameter("claim_time_gap_s", 0.5, 0.1, 3.0),

@@ -2,6 +2,7 @@
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 LEADER_MEMORY_S = 1.0  # how long a leader is expected to keep his acceleration
@@ -72,7 +73,7 @@ def of_follower(
     desired_mps: Value,
     own_leader: tuple[Value, Value],
     subject: tuple[Value, Value],
-    is_before_it: Value,
+    is_before_it: Value | np.ndarray,
     driver: tuple[Value, Value, Value, Value],
     yield_mps2: Value,
     step_s: float,
@@ -96,7 +97,7 @@ def of_follower(
     leader_m, leader_mps = own_leader
     subject_m, subject_mps = subject
 
-    def one(carry: tuple[Value, Value], now: tuple[Value, ...]) -> tuple[tuple[Value, Value], tuple[Value, Value]]:
+    def advance(carry: tuple[Value, Value], now: tuple[Value, ...]) -> tuple[tuple[Value, Value], tuple[Value, Value]]:
         travelled, v = carry
         rear_m, rear_mps, x, u, claimed = now
         to_subject_m = gap_m + x - travelled
@@ -118,5 +119,5 @@ def of_follower(
         jnp.moveaxis(jnp.broadcast_to(each, whole), -1, 0)
         for each in (leader_m, leader_mps, subject_m, subject_mps, is_before_it)
     )
-    _, (gaps_m, speeds_mps) = jax.lax.scan(one, start, inputs)
+    _, (gaps_m, speeds_mps) = jax.lax.scan(advance, start, inputs)
     return jnp.moveaxis(gaps_m, 0, -1), jnp.moveaxis(speeds_mps, 0, -1)

@@ -1,8 +1,8 @@
 """What every car-following model answers.
 
 A model is a record of its parameters; each field is one number per vehicle (or one for all). To add a model: write one
-file with a subclass, give it the five common fields and the four methods, and enter it where
-`sim_adapters.scenario.sumo_names` lists the models; every law test then runs for it.
+file with a subclass, give it the five common fields and the four methods, and a `ModelEntry` that says what its
+parameters may be; enter that in `surrogate.car_following.registry`, and every law test runs for it.
 """
 
 import abc

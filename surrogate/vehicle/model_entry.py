@@ -8,7 +8,7 @@ from typing import Any, Generic, TypeVar
 import equinox as eqx
 import jax.numpy as jnp
 
-Model = TypeVar("Model", bound=eqx.Module)
+Model = TypeVar("Model", bound=eqx.Module, covariant=True)
 
 
 class UnknownModelError(ValueError):
@@ -19,21 +19,52 @@ class ParameterRangeError(ValueError):
     """A parameter is not finite or outside its range."""
 
 
+# suffixes of names, and what they say; the longest that fits counts
+UNITS = {
+    "_mps2": "m/s2", "_mps": "m/s", "_m": "m", "_s": "s", "_1ps2": "1/s2", "_1ps": "1/s",
+}  # fmt: skip
+
+
 @dataclasses.dataclass(frozen=True)
 class Parameter:
-    """A parameter of a model.
+    """A parameter of a model: one row of the only table that says what it may be.
+
+    Two ranges, for two uses. `lower` to `upper` is for one driver: a single leader-follower pair, or a subject vehicle,
+    may lie far out. `traffic` is for what all drivers of a class share while whole traffic is simulated: narrower where
+    the mean of many cannot lie so far out, wider where SUMO's defaults, from which such a search begins, lie beyond
+    what single drivers show (its decelerations and accelerations are bounds more than habits).
 
     Attributes:
         name: field of the model, with its unit.
         usual: value to begin with.
-        lower: least value.
-        upper: greatest value.
+        lower: least value for one driver.
+        upper: greatest value for one driver.
+        traffic: least and greatest value for a class of drivers in traffic; None for the same.
+        is_logarithmic: whether searches in traffic go by factors rather than differences.
+        step: share of the value by which it is moved to see what it does; about what a calibration leaves open.
+        is_fitted: whether leader-follower pairs show it; else it keeps its usual value for them.
+        own_unit: unit where the name's suffix does not say it.
     """
 
     name: str
     usual: float
     lower: float
     upper: float
+    traffic: tuple[float, float] | None = None
+    is_logarithmic: bool = False
+    step: float = 0.1
+    is_fitted: bool = True
+    own_unit: str = ""
+
+    @property
+    def unit(self) -> str:
+        """SI unit, empty for a pure number."""
+        return self.own_unit or next((unit for suffix, unit in UNITS.items() if self.name.endswith(suffix)), "")
+
+    @property
+    def traffic_range(self) -> tuple[float, float]:
+        """Least and greatest value for a class of drivers in traffic."""
+        return self.traffic or (self.lower, self.upper)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)  # compared and hashed by identity, so that programs may depend on it
@@ -44,15 +75,26 @@ class ModelEntry(Generic[Model]):
         name: by which users call it.
         description: one line.
         model: its class.
-        parameters: what may be fitted.
+        rows: its parameters.
         fixed: the other fields.
+        source: where the ranges come from.
     """
 
     name: str
     description: str
     model: type[Model]
-    parameters: tuple[Parameter, ...]
-    fixed: Mapping[str, float]
+    rows: tuple[Parameter, ...]
+    fixed: Mapping[str, float] = dataclasses.field(default_factory=dict)
+    source: str = ""
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """What may be fitted to leader-follower pairs, and set for one vehicle."""
+        return tuple(row for row in self.rows if row.is_fitted)
+
+    def row(self, name: str) -> Parameter | None:
+        """Return the row of a field; None where there is none."""
+        return next((row for row in self.rows if row.name == name), None)
 
     def build(self, values: Mapping[str, Any] | None = None) -> Model:
         """Return the model, usual values where none is given; works on traced values.
@@ -68,7 +110,11 @@ class ModelEntry(Generic[Model]):
                 raise UnknownModelError(f"{self.name} has no parameter '{name}'; it has {', '.join(known)}.")
             if isinstance(value, int | float):
                 check_range(self.name, known[name], float(value))
-        numbers = {**self.fixed, **{one.name: one.usual for one in self.parameters}, **values}
+        return self.assemble(values)
+
+    def assemble(self, fields: Mapping[str, Any]) -> Model:
+        """Return the model with these fields, whatever their values, and the others as they usually are."""
+        numbers = {**self.fixed, **{one.name: one.usual for one in self.rows}, **fields}
         return self.model(**{name: jnp.asarray(value) for name, value in numbers.items()})
 
 

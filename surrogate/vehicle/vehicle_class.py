@@ -11,9 +11,14 @@ from jaxtyping import Array, Float, Int
 from surrogate.vehicle.car_following_model import CarFollowingModel, FollowingSituation
 from surrogate.vehicle.habits import HABIT_OF_FIELD, Habits, with_habits
 from surrogate.vehicle.lane_change_model import LaneChangeModel
+from surrogate.vehicle.model_entry import Parameter
 
 Value = Float[Array, "..."]
 Record = TypeVar("Record", bound=eqx.Module)
+DESIRED_SPEED = (
+    Parameter("speed_factor_mean", 1.0, 0.6, 1.4, step=0.015),
+    Parameter("speed_factor_deviation", 0.1, 0.01, 0.3),
+)
 
 
 class VehicleClass(eqx.Module):

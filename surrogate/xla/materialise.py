@@ -11,11 +11,14 @@ import jax
 
 Tree = TypeVar("Tree")
 
-# Without the first pass, XLA drops the marks before it fuses loops. With the second, it hands halves of a loop to a
-# pool of threads, which costs a tenth of the time where each core has runs of its own. XLA prefers vectors of 256 bits,
-# which takes a tenth longer on a processor with 512; one without splits them.
+# The first pass drops the marks before loops are fused. The second hands halves of a loop to a pool of threads, which
+# costs a tenth of the time where each core has runs of its own. The third has a small `while` written as one function
+# by an emitter that knows no marks: XLA then ends the process ("shape.h ... Check failed: buffer != nullptr"). Small is
+# what touches less than 1024 bytes before jaxlib 0.12.0, and less than 1e9 bytes, thus any loop here, since.
+# XLA prefers vectors of 256 bits, which takes a tenth longer on a processor with 512; one without splits them.
+PASSES_LEFT_OUT = ("cse_barrier_expander", "cpu-parallel-task-assigner", "small-while-loop-hoisting")
 FOR_PROCESSORS: dict[str, Any] = {
-    "xla_disable_hlo_passes": "cse_barrier_expander,cpu-parallel-task-assigner",
+    "xla_disable_hlo_passes": ",".join(PASSES_LEFT_OUT),
     "xla_cpu_prefer_vector_width": 512,
 }
 

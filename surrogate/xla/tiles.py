@@ -2,7 +2,7 @@
 
 The arrays have room for the densest run of a batch, and are half empty while the road fills up. A tile's intermediate
 results fit into a processor's cache, whatever the length of the arrays. Measured on one core for 8 runs of 1,500 places
-that hold 800 vehicles: see `docs/surrogate.md`.
+that hold 800 vehicles: see `experiments/results/performance.md`.
 """
 
 from collections.abc import Callable

@@ -1,6 +1,5 @@
 """Finalists in SUMO: what the surrogate lacks is learnt from these runs, and the search goes on corrected for it."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,13 +12,15 @@ from jaxcalib.calibration.stages.evaluator import AllRunsFailedError, Evaluator
 from jaxcalib.calibration.stages.optimisation import Optimisation, polish, polish_config
 from jaxcalib.calibration.stages.search_box import search_box
 from jaxcalib.calibration.stages.search_run import CourseEntry, Judged, SearchRun
-from jaxcalib.calibration.stages.two_stage import NOISE_OFFSET, TwoStageResult
+from jaxcalib.calibration.stages.two_stage import TwoStageResult
 from jaxcalib.initial_values.initial_point import InitialPoint
-from jaxcalib.runs.progress import Progress
+from jaxcalib.runs.seeds import NOISE_OFFSET
+from jaxcalib.runs.session import Session
 from sim_adapters.interface import RunOutcome
 from sim_adapters.shared_runs import shared_runs
 
 CONFIRMATION = "confirmation"
+CORRECTED_SEARCH = "corrected_search"  # the surrogate's part of it, for the times
 RADIUS = 0.12  # of the box of known widths
 SAME_POINT = 0.01  # of the unit range; closer points are one point to drivers
 
@@ -81,8 +82,7 @@ def confirm(
     surrogate: Evaluator,
     sumo: Evaluator,
     budget: Budget,
-    progress: Progress,
-    on_search_s: Callable[[], Callable[[], None]],
+    session: Session,
 ) -> Confirmation:
     """Confirm the search's result in SUMO, and search on where the two disagree.
 
@@ -92,10 +92,9 @@ def confirm(
         surrogate: evaluator of the surrogate.
         sumo: evaluator of SUMO, on seeds that no search has seen.
         budget: numbers of runs.
-        progress: told of the stage.
-        on_search_s: called when the surrogate goes on; returns what is called when it pauses.
+        session: told of the stage, and of the time that the surrogate takes in it.
     """
-    progress.stage(CONFIRMATION)
+    session.progress.stage(CONFIRMATION)
     space, objective = initial.space, found.objective
     num_sumo = sumo.rounds_of(budget.confirmation_runs)
     worth = sumo.worth(num_sumo)
@@ -111,9 +110,8 @@ def confirm(
         values = space.values_of(unit[None])
         in_sumo = sumo.evaluate(values, num_sumo)
         outcomes += in_sumo.outcomes[0]
-        stop = on_search_s()
-        in_surrogate = surrogate.evaluate(values, num_surrogate, NOISE_OFFSET)
-        stop()
+        with session.stopwatch.time(CORRECTED_SEARCH):
+            in_surrogate = surrogate.evaluate(values, num_surrogate, NOISE_OFFSET)
         if not in_sumo.is_ok[0] or not in_surrogate.is_ok[0]:
             break
         run = SearchRun(surrogate, space, objective, course)
@@ -124,19 +122,18 @@ def confirm(
         if not np.isfinite(accuracy):
             break  # SUMO never showed one of the moments: nothing can be said of these values, as of a failed run
         finalists.append(Finalist(unit, accuracy, float(seen.accuracy[0]), origin))
-        progress.best(max(one.accuracy for one in finalists))
+        session.progress.best(max(one.accuracy for one in finalists))
         confirmed.append(Confirmed(unit, in_surrogate.pooled[0], num_surrogate, in_sumo.pooled[0], worth))
         discrepancy = learn_discrepancy(objective.moments, objective.covariance, objective.num_drives, confirmed)
         objective = replace(objective, discrepancy=discrepancy)
         if number + 1 == budget.confirmation_rounds:
             break
-        stop = on_search_s()
-        run = run.with_objective(objective)
-        best = max(finalists, key=lambda one: one.accuracy).unit
-        box = search_box(best, range(len(space.names)), found.half_width)
-        num_polish = surrogate.rounds_of(budget.polish_runs)
-        polishes.append(polish(run, box, best, num_polish, polish_config(RADIUS), CONFIRMATION, judged))
-        stop()
+        with session.stopwatch.time(CORRECTED_SEARCH):
+            run = run.with_objective(objective)
+            best = max(finalists, key=lambda one: one.accuracy).unit
+            box = search_box(best, range(len(space.names)), found.half_width)
+            num_polish = surrogate.rounds_of(budget.polish_runs)
+            polishes.append(polish(run, box, best, num_polish, polish_config(RADIUS), CONFIRMATION, judged))
         if np.abs(polishes[-1].best - unit).max() < SAME_POINT:
             break
         unit, origin = polishes[-1].best, f"corrected search {number + 1}"

@@ -19,6 +19,8 @@ from jaxcalib.calibration.stages.evaluator import Evaluator, gather
 from jaxcalib.case.case import ROLES, Role
 from jaxcalib.problem.problem import CalibrationProblem
 from jaxcalib.runs.journal import JournaledSumo
+from jaxcalib.runs.seeds import FINAL_SEEDS
+from jaxcalib.runs.session import Session
 from sim_adapters.interface import RunOutcome, RunRequest
 
 
@@ -92,8 +94,7 @@ def start_final_runs(
     values: Float[np.ndarray, " parameter"],
     role: Role,
     num_runs: int,
-    first_seed: int,
-    on_run: Callable[[int], None],
+    session: Session,
     shares_runs: bool = False,
 ) -> Callable[[], FinalRuns]:
     """Start the runs of a point in the background; return what waits for them.
@@ -103,13 +104,12 @@ def start_final_runs(
         sumo: SUMO.
         values: parameter values.
         role: drives.
-        num_runs: runs, the drives in turn.
-        first_seed: seed of the first; each run has its own.
-        on_run: told of each run.
+        num_runs: runs, the drives in turn, each with a seed of its own.
+        session: gives the seeds, and is told of each run.
         shares_runs: whether drives that depart far enough apart share a run and its seed; what counts as a run above is
             a drive then.
     """
-    departs_s = problem.departs_s(role)
+    departs_s, first_seed = problem.departs_s(role), session.first_seed + FINAL_SEEDS[role]
     num_runs = num_runs if departs_s else 0
     if shares_runs and num_runs:
         requests = Evaluator(sumo, departs_s, first_seed, shares_runs=True).requests(values, num_runs)
@@ -119,7 +119,7 @@ def start_final_runs(
             for run in range(num_runs)
         ]
     drive = _drives_in_turn([request.depart_s for request in requests], departs_s)
-    wait = sumo.start(requests, on_run)
+    wait = sumo.start(requests, session.progress.sumo_runs)
 
     def finish() -> FinalRuns:
         outcomes = wait()

@@ -6,25 +6,14 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from jaxcalib.measures.measure import Measure
+from jaxcalib.measures.measure import Level, Measure, Moe
 
 CUT_IN_LOWER_BOUND = 0.0  # Delta_LB of Eq. 32
 CUT_IN_UPPER_SHARE = 0.5  # Delta_UB as a share of the field's cut-ins, at least 1
-VEHICLE_LEVEL = ("subject_time_headway", "background_time_headway", "subject_lane_change_distance",
-                 "background_lane_change_distance", "cut_ins")  # fmt: skip
-VEHICLE_LEVEL_SUM = "vehicle_level"  # of these, Eq. 23
-TRAFFIC_LEVEL = ("traffic_speed", "traffic_density", "traffic_volume", "traffic_dynamics")
-MEASURE_OF = {
-    "subject_time_headway": "subject_time_headway_s",  # Eq. 24
-    "background_time_headway": "background_mean_time_headway_s",  # Eqs. 25-27
-    "subject_lane_change_distance": "subject_restricted_target_gap_m",  # Eq. 28
-    "background_lane_change_distance": "background_restricted_target_gap_m",  # Eqs. 29-31
-    "cut_ins": "cut_ins_per_drive",  # Eq. 32
-    "traffic_speed": "traffic_speed_mps",  # Eq. 33
-    "traffic_density": "traffic_density_vehpkm",  # Eq. 34
-    "traffic_volume": "traffic_volume_vehph",  # Eq. 35
-    "traffic_dynamics": "subject_speed_mps",  # Eq. 36
-}
+MOES = tuple(moe.value for moe in Moe)
+VEHICLE_LEVEL = tuple(moe.value for moe in Moe if moe.level is Level.VEHICLE)
+TRAFFIC_LEVEL = tuple(moe.value for moe in Moe if moe.level is Level.TRAFFIC)
+VEHICLE_LEVEL_SUM = "vehicle_level"  # of the first, Eq. 23
 
 
 @dataclass(frozen=True)
@@ -86,14 +75,15 @@ def effectiveness(
     real, model = (dict(zip(tally_names, values, strict=True)) for values in (field, simulated))
     errors: dict[str, float | None] = {}
     notes: dict[str, str] = {}
-    for name, measure_name in MEASURE_OF.items():
-        in_field = measures[measure_name].value(real)
-        in_model = measures[measure_name].value(model)
+    by_moe = {measure.moe: measure for measure in measures.values()}
+    for moe in Moe:
+        name, measure = moe.value, by_moe[moe]
+        in_field, in_model = measure.value(real), measure.value(model)
         if not in_field.is_valid:
             errors[name], notes[name] = None, f"the field: {in_field.reason}"
         elif not in_model.is_valid:
             errors[name], notes[name] = 1.0, f"the simulation: {in_model.reason}; counted as an error of 1"
-        elif name == "cut_ins":
+        elif moe is Moe.CUT_INS:
             errors[name] = cut_in_error(in_field.value, in_model.value)
         elif in_field.value == 0.0:
             errors[name], notes[name] = None, "the field's value is 0"
@@ -141,7 +131,7 @@ def noise_floor(
 def mean_errors(draws: list[Effectiveness]) -> dict[str, float | None]:
     """Return the mean of each error over draws; None where no draw had it."""
     means: dict[str, float | None] = {}
-    for name in MEASURE_OF:
+    for name in MOES:
         known = [draw.errors[name] for draw in draws if draw.errors[name] is not None]
         means[name] = float(np.mean(np.asarray(known, float))) if known else None
     return means

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy import stats
 
-from jaxcalib.calibration.objective.accuracy import MEASURE_OF, VEHICLE_LEVEL_SUM, effectiveness
+from jaxcalib.calibration.objective.accuracy import MOES, VEHICLE_LEVEL_SUM, effectiveness
 from jaxcalib.measures.measure import Measure
 
 NUM_DRAWS = 1000
@@ -36,7 +36,7 @@ def bootstrap_errors(
         seed: of the draws.
     """
     of_drives, of_runs = (np.random.default_rng(one) for one in np.random.SeedSequence(seed).spawn(2))
-    samples = {name: np.full(num_draws, np.nan) for name in (*MEASURE_OF, VEHICLE_LEVEL_SUM)}
+    samples = {name: np.full(num_draws, np.nan) for name in (*MOES, VEHICLE_LEVEL_SUM)}
     for draw in range(num_draws):
         real = field[of_drives.integers(0, len(field), len(field))].sum(axis=0)
         model = runs[of_runs.integers(0, len(runs), len(runs))].sum(axis=0)

@@ -1,6 +1,5 @@
 """The measures that a calibration matches, as one vector, with the noise that seeds and drives leave on it."""
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -13,18 +12,6 @@ from jaxcalib.measures.measure import Level, Measure
 FEWEST_EVENTS = 5.0  # in all drives to fit together, of what is counted per drive
 FEWEST_OBSERVATIONS = 30.0  # in all drives to fit together; fewer say nothing of a mean
 FEWEST_EFFECTIVE_DRIVES = 3.5
-# Surrogate and SUMO share their equations of motion but not every single acceleration: SUMO averages some limit cycles
-# of one step only in what vehicles do, not in how they accelerate. What depends on single steps is left out.
-SINGLE_STEP = ("acceleration_square_m2ps4", "subject_acceleration_square_m2ps4", "background_lane_change_duration_s",
-               "subject_lane_change_duration_s")  # fmt: skip
-# These follow from others, or repeat them in another unit.
-REDUNDANT = ("subject_travel_time_s", "background_lane_changes_per_drive", "subject_lane_changes_per_drive",
-             "cut_ins_pkm", "background_lane_changes_pkm", "traffic_volume_vehph", "traffic_density_vehpkm",
-             "traffic_speed_mps", "background_following_distance_m", "background_spacing_m", "subject_spacing_m",
-             "background_time_headway_s", "background_time_gap_s")  # fmt: skip
-# Bins of a distribution are far from normal where they are rare, and their means are here already. Volume is density
-# times speed.
-REDUNDANT_PATTERN = re.compile(r"_share_[\d.]+_[\d.]+_|^section_\d+_volume_|^section_\d+_subject_speed_|^row_0_share$")
 
 
 @dataclass(frozen=True)
@@ -77,15 +64,8 @@ class Moments:
 
 
 def all_moments(measures: Mapping[str, Measure], tally_index: Mapping[str, int]) -> Moments:
-    """Return all measures that are quotients of two tallies, without those that repeat others."""
-    chosen = [
-        measure
-        for measure in measures.values()
-        if type(measure) is Measure
-        and measure.name not in (*SINGLE_STEP, *REDUNDANT)
-        and not REDUNDANT_PATTERN.search(measure.name)
-    ]
-    return moments_of(chosen, tally_index)
+    """All measures that the default objective matches."""
+    return moments_of([measure for measure in measures.values() if measure.is_matched], tally_index)
 
 
 def moments_of(measures: Sequence[Measure], tally_index: Mapping[str, int]) -> Moments:
@@ -97,7 +77,7 @@ def moments_of(measures: Sequence[Measure], tally_index: Mapping[str, int]) -> M
         denominator=np.asarray([tally_index[measure.denominator] for measure in measures], int),
         scale=np.asarray([measure.scale for measure in measures], float),
         drives=tally_index["drives"],
-        rates=frozenset(measure.name for measure in measures if measure.observations == measure.numerator),
+        rates=frozenset(measure.name for measure in measures if measure.is_rate),
     )
 
 

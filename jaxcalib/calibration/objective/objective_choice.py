@@ -3,18 +3,12 @@
 import numpy as np
 from jaxtyping import Float
 
-from jaxcalib.calibration.objective.accuracy import MEASURE_OF, TRAFFIC_LEVEL, VEHICLE_LEVEL
 from jaxcalib.calibration.objective.evidence import Evidence
 from jaxcalib.calibration.objective.moments import all_moments, moments_of, noise_covariance, observed_moments
 from jaxcalib.calibration.objective.objective import Objective
+from jaxcalib.measures.measure import Moe
 from jaxcalib.problem.problem import CalibrationProblem
 from jaxcalib.problem.settings import Settings
-
-# The paper averages the lane-changing distances that it sees; the restricted means of the MoEs are no quotients.
-PRINTED = {
-    "subject_lane_change_distance": "subject_target_gap_m",
-    "background_lane_change_distance": "background_mean_target_gap_m",
-}
 
 
 def choose_objective(
@@ -34,8 +28,10 @@ def choose_objective(
     field = problem.field_of("fit")
     is_relative = settings.objective == "paper"
     if is_relative:
-        names = [PRINTED.get(name, MEASURE_OF[name]) for name in (*VEHICLE_LEVEL, *TRAFFIC_LEVEL)]
-        candidates = moments_of([problem.measures[name] for name in names], problem.tally_index)
+        # the paper averages the lane-changing distances that it sees; the restricted means of the MoEs are no quotients
+        by_moe = {measure.moe: measure for measure in problem.measures.values() if measure.is_quotient}
+        by_moe |= {measure.printed_moe: measure for measure in problem.measures.values() if measure.printed_moe}
+        candidates = moments_of([by_moe[moe] for moe in Moe], problem.tally_index)
     else:
         candidates = all_moments(problem.measures, problem.tally_index)
     moments = observed_moments(candidates, field, runs)

@@ -8,6 +8,7 @@ from matplotlib.axes import Axes
 from jaxcalib.calibration.record import CalibrationRecord
 from jaxcalib.calibration.result.result import CalibrationResult
 from jaxcalib.html.drawing import AFTER, BEFORE, FIELD, NOISE, svg
+from jaxcalib.statistics.normal import HALF_WIDTH_90
 
 
 def errors_figure(result: CalibrationResult, role: str) -> str:
@@ -47,7 +48,7 @@ def measures_figure(record: CalibrationRecord) -> str:
             (confirmed.sumo, confirmed.sumo_runs, AFTER, "o", "SUMO"),
         ):
             difference = (objective.moments.values(tally) - objective.field) / deviation
-            spread = 1.645 * np.sqrt(objective.num_drives / runs)
+            spread = HALF_WIDTH_90 * np.sqrt(objective.num_drives / runs)
             axes.hlines(place, difference - spread, difference + spread, color=color, lw=0.8, alpha=0.5)
             axes.plot(difference, place, marker, color=color, ms=3.5, label=name)
         axes.set_yticks(place, objective.moments.names, fontsize=7)

@@ -68,9 +68,9 @@ def verdict(result: CalibrationResult, role: str) -> str:
 
 
 def _drift(result: CalibrationResult) -> str:
-    stage_1, saga, polished = result.confirmation["flow_accuracy_stage1_saga_polish"]
+    stage_1, stage_2, polished = result.confirmation["flow_accuracy_stage1_stage2_polish"]
     undid = result.confirmation["stage2_undid_stage1"]
     return (
-        f"Accuracy of the traffic flow after Stage 1: {stage_1:.3f}, after Stage 2: {saga:.3f}, after the joint "
+        f"Accuracy of the traffic flow after Stage 1: {stage_1:.3f}, after Stage 2: {stage_2:.3f}, after the joint "
         f"polish: {polished:.3f}. Stage 2 {'has' if undid else 'has not'} undone Stage 1 beyond noise."
     )

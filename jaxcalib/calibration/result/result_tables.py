@@ -27,9 +27,9 @@ from jaxcalib.calibration.stages.screening import Screening
 from jaxcalib.case.case import ROLES, Role
 from jaxcalib.measures.measure import MeasureValue
 from jaxcalib.runs.run_folder import LIBRARIES
+from jaxcalib.statistics.normal import HALF_WIDTH_90
 from sim_adapters.interface import RunOutcome
 
-NORMAL_90 = 1.645
 NEAR_BOUND = 0.005  # of the unit range
 SEARCH_PARTS = ("stage1", "stage2_exploration", "stage2_optimisation", "corrected_search")
 
@@ -85,7 +85,7 @@ def build_result(record: CalibrationRecord) -> CalibrationResult:
             "surrogate_agrees": record.confirmation.agrees,
             "discrepancy_in_noise": record.confirmation.discrepancy.amplitude,
             "noise_floor_accuracy": record.found.objective.noise_floor_accuracy,
-            "flow_accuracy_stage1_saga_polish": list(record.found.stage_1_accuracy),
+            "flow_accuracy_stage1_stage2_polish": list(record.found.stage_1_accuracy),
             "stage2_undid_stage1": record.found.has_drifted,
             "gradient": _gradient(record),
         },
@@ -167,8 +167,8 @@ def _measured(
 def _parameter_table(record: CalibrationRecord) -> dict[str, Interval]:
     space, best = record.initial.space, record.confirmation.best
     error = parameter_errors(record)
-    low = space.values_of((best - NORMAL_90 * error)[None])[0]
-    high = space.values_of((best + NORMAL_90 * error)[None])[0]
+    low = space.values_of((best - HALF_WIDTH_90 * error)[None])[0]
+    high = space.values_of((best + HALF_WIDTH_90 * error)[None])[0]
     values = space.values_of(best[None])[0]
     table = {}
     for place, name in enumerate(space.names):

@@ -6,7 +6,7 @@ from jaxtyping import Float
 from jaxcalib.calibration.record import CalibrationRecord
 from jaxcalib.calibration.stages.local_surface import local_surface
 from jaxcalib.calibration.stages.search_box import search_box
-from jaxcalib.search.response_surface import ResponseSurface
+from jaxcalib.search.least_squares.response_surface import ResponseSurface
 
 LEAST_EIGENVALUE = 1e-3  # of the information; what is known less well counts as not known
 

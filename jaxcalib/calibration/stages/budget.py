@@ -18,8 +18,10 @@ FRESH_SEEDS = 12  # for the final errors on held-out drives
 MOST_FRESH_SEEDS = 100
 NOISE_RUNS, LARGE_NOISE_RUNS = 64, 32  # whole batches of two cores; fewer would leave places in them empty
 # Runs behind the covariance of the moments at the point that is searched from: between three and four to a moment.
-# With as many runs as moments, candidates come in another order than under the true covariance (docs/paper-study.md).
+# With as many runs as moments, candidates come in another order than under the true covariance
+# (experiments/results/paper.md).
 COVARIANCE_RUNS = 192
+GENERATION = 16  # of SAGA; others take their own batches
 SHORTLISTED = 5  # candidates, about
 QUICK = 0.5  # below it SUMO confirms one finalist only
 
@@ -29,12 +31,11 @@ class Budget:
     """Numbers of runs.
 
     Attributes:
-        runs_per_candidate: while screening and in SAGA.
+        runs_per_candidate: while screening and in the search of the critical parameters.
         noise_runs: to estimate the noise of the measures where the search begins, and to compare its results.
         covariance_runs: the same where driver behaviour is searched from, for the noise of all moments together.
         polish_runs: per candidate of the joint polish.
-        population_size: of SAGA.
-        num_generations: of SAGA.
+        num_evaluations: candidates of Stage 2's optimiser.
         polish_iterations: of the joint polish.
         confirmation_rounds: alternations of surrogate and SUMO.
         confirmation_runs: SUMO runs per finalist and round.
@@ -47,8 +48,7 @@ class Budget:
     noise_runs: int
     covariance_runs: int
     polish_runs: int
-    population_size: int
-    num_generations: int
+    num_evaluations: int
     polish_iterations: int
     confirmation_rounds: int
     confirmation_runs: int
@@ -86,20 +86,19 @@ def plan_budget(problem: CalibrationProblem, scale: float = 1.0) -> Budget:
 
     num_parameters = len(problem.layout.names)
     cases = small_array(problem.layout.num_inputs).num_cases + smallest_array(len(problem.layout.attributes)).num_cases
-    population, generations = 16, max(2, round((4 if is_large else 5) * min(scale, 3.0)))
+    num_evaluations = GENERATION * max(2, round((4 if is_large else 5) * min(scale, 3.0)))
     return Budget(
         runs_per_candidate=per_candidate,
         noise_runs=noise_runs,
         covariance_runs=covariance_runs,
         polish_runs=polish_runs,
-        population_size=population,
-        num_generations=generations,
+        num_evaluations=num_evaluations,
         polish_iterations=1,
         confirmation_rounds=2 if scale >= QUICK else 1,
         confirmation_runs=num_fit if is_large or scale < QUICK else round(1.5 * num_fit),
         final_runs=final_runs,
         final_fit_runs=num_fit,
-        num_surrogate_runs=(cases + population * generations) * in_rounds(fit_departs_s, per_candidate)
+        num_surrogate_runs=(cases + num_evaluations) * in_rounds(fit_departs_s, per_candidate)
         + 3 * SHORTLISTED * SHORTLIST_RUNS * in_rounds(fit_departs_s, per_candidate)
         + 2 * (num_parameters + 6) * in_rounds(fit_departs_s, polish_runs)
         + 8 * in_rounds(fit_departs_s, noise_runs)

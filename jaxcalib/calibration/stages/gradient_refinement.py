@@ -19,7 +19,7 @@ from jaxtyping import Array, Float
 from jaxcalib.calibration.objective.evidence import Evidence
 from jaxcalib.calibration.stages.search_box import SearchBox
 from jaxcalib.initial_values.initial_point import InitialPoint
-from jaxcalib.search.response_surface import ResponseSurface
+from jaxcalib.search.least_squares.response_surface import ResponseSurface
 
 DIFFERENCE = 4e-3  # of the unit range
 AGREEMENT = 0.1  # largest relative difference between both derivatives, of the larger of the two

@@ -8,7 +8,7 @@ from jaxtyping import Float
 from jaxcalib.calibration.objective.objective import Objective
 from jaxcalib.calibration.stages.search_box import SearchBox
 from jaxcalib.calibration.stages.search_run import Judged
-from jaxcalib.search.response_surface import ResponseSurface, fit_response_surface
+from jaxcalib.search.least_squares.response_surface import ResponseSurface, fit_response_surface
 
 RADIUS = 0.5  # of the box: the whole of it
 NOISELESS_RUNS = 100_000  # the noise of single candidates averages out over the surface

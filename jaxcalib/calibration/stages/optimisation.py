@@ -1,4 +1,4 @@
-"""SAGA on the critical parameters, and the joint polish of all that the data can move."""
+"""A search of some parameters by an optimiser of the registry, and the joint polish of all that the data can move."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -6,14 +6,17 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from jaxcalib.calibration.stages.screening import SHORTLIST_OFFSET, SHORTLIST_RUNS
+from jaxcalib.calibration.stages.screening import SHORTLIST_RUNS
 from jaxcalib.calibration.stages.search_box import SearchBox
 from jaxcalib.calibration.stages.search_run import Judged, SearchRun, best_of
-from jaxcalib.search import SagaConfig, SagaInfo, TrustRegionConfig, TrustRegionInfo, saga, trust_region
-from jaxcalib.search.evaluated_points import EvaluatedPoints, append_points
+from jaxcalib.runs.seeds import GENERATION_OFFSET, SHORTLIST_OFFSET
+from jaxcalib.search.optimiser import Optimiser, RoundInfo, Setting, Told
+from jaxcalib.search.optimisers.trust_region import TrustRegion
+from jaxcalib.search.trust_region.records import TrustRegionConfig
 
-GENERATION_OFFSET = 1_000  # of the seeds
 NUM_SHORTLISTED = 3
+BATCH_SIZE = 16  # candidates that the surrogate runs in about the time of one
+MANY = 10_000  # candidates: the polish ends with its iterations
 STEP_FRACTIONS = (0.3, 0.6, 1.0)  # of a Gauss-Newton step
 
 
@@ -24,54 +27,40 @@ class Optimisation:
     Attributes:
         best: best point in the unit cube.
         best_accuracy: its accuracy as the search saw it.
-        generations: what each generation or iteration reported.
+        infos: what the optimiser said of each round.
         rounds: all candidates.
     """
 
     best: Float[np.ndarray, " parameter"]
     best_accuracy: float
-    generations: tuple[SagaInfo | TrustRegionInfo, ...]
+    infos: tuple[RoundInfo, ...]
     rounds: tuple[Judged, ...]
 
 
 def optimise(
-    run: SearchRun,
-    box: SearchBox,
-    initial_candidates: Float[np.ndarray, "candidate parameter"],
-    num_runs: int,
-    config: SagaConfig,
-    seed: int,
-    stage: str,
+    run: SearchRun, box: SearchBox, optimiser: Optimiser, setting: Setting, num_runs: int, stage: str
 ) -> Optimisation:
-    """Search the critical parameters with SAGA.
+    """Search the parameters of a box with an optimiser.
 
     Args:
         run: evaluator and objective.
-        box: critical parameters and their bounds.
-        initial_candidates: in the unit cube, for the first generation.
+        box: parameters and their bounds; its centre is the start.
+        optimiser: what asks for candidates.
+        setting: what it knows before it begins, in the box.
         num_runs: runs per candidate.
-        config: options of SAGA.
-        seed: of SAGA's random numbers.
         stage: name for the record.
 
-    Source: Algorithm 3.
-    Deviation: each generation runs on seeds of its own, and the result is the best of a shortlist that is run longer.
+    Source: Algorithm 3 where the optimiser is SAGA.
+    Deviation: the result is the best of a shortlist that is run longer, on seeds of its own.
     """
-    first = np.unique(box.box_of(initial_candidates), axis=0)[: config.population_size]
-    state = saga.init(len(box.chosen), seed, first, config)
-    reports: list[SagaInfo] = []
-    rounds: list[Judged] = []
-    while not state.status.is_final:
-        offset = GENERATION_OFFSET * (len(reports) + 1)  # elites must prove themselves on the seeds of each generation
-        rounds.append(run.judge(box.unit_of(saga.ask(state)), num_runs, stage, offset))
-        state, info = saga.tell(state, rounds[-1].accuracy, rounds[-1].is_ok)
-        reports.append(info)
-    few = [initial_candidates[:1], best_of(rounds[-1:], NUM_SHORTLISTED)]
-    if state.best_candidate is not None:
-        few.append(box.unit_of(state.best_candidate[None]))
+    course = _follow(run, box, optimiser, setting, num_runs, stage)
+    few = [box.held[None], best_of(course.rounds[-1:], NUM_SHORTLISTED)]
+    if course.best is not None:
+        few.append(box.unit_of(course.best[None]))
     shortlist = run.shortlist(np.vstack(few), SHORTLIST_RUNS * num_runs, stage, SHORTLIST_OFFSET)
     best = shortlist.best
-    return Optimisation(shortlist.unit[best], float(shortlist.accuracy[best]), tuple(reports), (*rounds, shortlist))
+    rounds = (*course.rounds, shortlist)
+    return Optimisation(shortlist.unit[best], float(shortlist.accuracy[best]), tuple(course.infos), rounds)
 
 
 def polish_config(radius: float, num_iterations: int = 1) -> TrustRegionConfig:
@@ -106,26 +95,79 @@ def polish(
 
     Source: not in the paper, which never measures Stage 1 again after Stage 2 has moved the driver parameters.
     """
-    state = trust_region.init(box.box_of(start[None])[0], config, _evaluated(run, box, known, num_runs))
-    reports: list[TrustRegionInfo] = []
-    rounds: list[Judged] = []
-    while not state.status.is_final:
-        judged = run.judge(box.unit_of(trust_region.ask(state)), num_runs, stage)
-        rounds.append(judged)
-        residuals = np.where(judged.is_ok[:, None], judged.residuals, np.nan)
-        state, info = trust_region.tell(state, residuals, np.ones(residuals.shape[1]), is_ok=judged.is_ok)
-        reports.append(info)
-    best = box.unit_of(state.center[None])[0]
-    misfit = reports[-1].center_misfit if reports else np.nan
-    return Optimisation(best, float(misfit), tuple(reports), tuple(rounds))
+    setting = Setting(
+        len(box.chosen),
+        MANY,
+        BATCH_SIZE,
+        box.box_of(start[None])[0],
+        False,
+        0,
+        known=known_in(run, box, known, num_runs),
+    )
+    course = _follow(run, box, TrustRegion(config), setting, num_runs, stage)
+    last = course.infos[-1].details
+    best = box.unit_of(last.center[None])[0]
+    return Optimisation(best, float(last.center_misfit), tuple(course.infos), tuple(course.rounds))
 
 
-def _evaluated(run: SearchRun, box: SearchBox, known: Sequence[Judged], num_runs: int) -> EvaluatedPoints | None:
-    """Return earlier candidates that lie in the box, by the present objective, weighted by their runs."""
-    evaluated = None
+def known_in(run: SearchRun, box: SearchBox, known: Sequence[Judged], num_runs: int) -> Told | None:
+    """Return earlier candidates that lie in a box, by the present objective; None where there are none.
+
+    Args:
+        run: with the objective.
+        box: where they must lie.
+        known: the candidates.
+        num_runs: runs of a candidate that weighs 1.
+    """
+    together = None
     for judged in known:
         residuals = run.objective.residuals(judged.unit, judged.pooled, num_runs)
         is_counted = box.holds(judged.unit) & np.isfinite(residuals).all(axis=1)
-        weights = np.full_like(residuals, judged.num_runs / num_runs)
-        evaluated = append_points(evaluated, box.box_of(judged.unit), residuals, weights, is_counted)
-    return evaluated if evaluated is not None and len(evaluated.points) else None
+        told = Told(
+            points=box.box_of(judged.unit)[is_counted],
+            accuracy=run.objective.accuracy(residuals[is_counted]),
+            residuals=residuals[is_counted],
+            weight=np.full(int(is_counted.sum()), judged.num_runs / num_runs),
+        )
+        together = told.joined(together)
+    return together if together is not None and len(together.points) else None
+
+
+@dataclass
+class _Course:
+    """What came of an optimiser's questions.
+
+    Attributes:
+        infos: what it said of each round.
+        rounds: all candidates.
+        best: best candidate as it was asked, in the box; None while all have failed.
+        best_accuracy: its accuracy.
+    """
+
+    infos: list[RoundInfo]
+    rounds: list[Judged]
+    best: Float[np.ndarray, " parameter"] | None = None
+    best_accuracy: float = -np.inf
+
+
+def _follow(
+    run: SearchRun, box: SearchBox, optimiser: Optimiser, setting: Setting, num_runs: int, stage: str
+) -> _Course:
+    """Evaluate what an optimiser asks until it has nothing more to gain or its evaluations are used up."""
+    course, state, num_left = _Course([], []), optimiser.init(setting), setting.num_evaluations
+    while num_left > 0 and len(points := optimiser.ask(state)[:num_left]):
+        offset = 0 if optimiser.compares_rounds else GENERATION_OFFSET * (len(course.rounds) + 1)
+        judged = run.judge(box.unit_of(points), num_runs, stage, offset)
+        course.rounds.append(judged)
+        num_left -= len(points)
+        accuracy = np.where(judged.is_ok, judged.accuracy, -np.inf)
+        if accuracy.max() > course.best_accuracy:
+            course.best, course.best_accuracy = points[int(np.argmax(accuracy))], float(accuracy.max())
+        if num_left <= 0 and len(points) < len(optimiser.ask(state)):
+            break  # a round that was cut short is not told: it is the last
+        residuals = np.where(judged.is_ok[:, None], judged.residuals, np.nan)
+        state, info = optimiser.tell(state, Told(points, judged.accuracy, residuals))
+        course.infos.append(info)
+        if info.status.is_final:
+            break
+    return course

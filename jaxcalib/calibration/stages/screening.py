@@ -7,6 +7,7 @@ from jaxtyping import Float
 
 from jaxcalib.calibration.stages.search_box import SearchBox
 from jaxcalib.calibration.stages.search_run import Judged, SearchRun, best_of
+from jaxcalib.runs.seeds import SHORTLIST_OFFSET
 from jaxcalib.search import (
     OrthogonalArray,
     RangeAnalysis,
@@ -16,15 +17,14 @@ from jaxcalib.search import (
     orthogonal_array,
     soat,
 )
-from jaxcalib.search.levenberg_marquardt import levenberg_marquardt_step
-from jaxcalib.search.response_surface import ResponseSurface, fit_response_surface
+from jaxcalib.search.least_squares.response_surface import ResponseSurface, fit_response_surface
+from jaxcalib.search.least_squares.surface_step import levenberg_marquardt_step
 
 MOST_LEVELS = 4  # as in the paper's studies
 FEWER_LEVELS = 3  # where four would need an array of more than MOST_CASES
 MOST_CASES = 64
 NUM_SHORTLISTED = 2
 SHORTLIST_RUNS = 4  # times as many runs as for a case
-SHORTLIST_OFFSET = 20_000  # of their seeds
 
 
 @dataclass(frozen=True)

@@ -1,32 +1,33 @@
 """The two stages in the surrogate, and what the paper lacks: Stage 1 measured again, and a joint polish."""
 
-import time
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Float
 
-from jaxcalib.calibration.objective.evidence import evidence_of
+from jaxcalib.calibration.objective.evidence import Evidence, evidence_of
 from jaxcalib.calibration.objective.objective import Objective
 from jaxcalib.calibration.objective.objective_choice import choose_objective
 from jaxcalib.calibration.stages.budget import Budget
 from jaxcalib.calibration.stages.evaluator import Evaluator
 from jaxcalib.calibration.stages.gradient_refinement import GradientRefinement, refine
 from jaxcalib.calibration.stages.local_surface import local_surface
-from jaxcalib.calibration.stages.optimisation import Optimisation, optimise, polish, polish_config
+from jaxcalib.calibration.stages.optimisation import BATCH_SIZE, Optimisation, known_in, optimise, polish, polish_config
 from jaxcalib.calibration.stages.screening import Screening, screen, small_array
-from jaxcalib.calibration.stages.search_box import half_width_of, search_box
+from jaxcalib.calibration.stages.search_box import SearchBox, half_width_of, search_box
 from jaxcalib.calibration.stages.search_run import CourseEntry, Judged, SearchRun, best_of
 from jaxcalib.initial_values.initial_point import InitialPoint
 from jaxcalib.measures.measure import Level
 from jaxcalib.problem.problem import CalibrationProblem
 from jaxcalib.problem.settings import Settings
-from jaxcalib.runs.progress import Progress
-from jaxcalib.search import SagaConfig
+from jaxcalib.runs.seeds import NOISE_OFFSET
+from jaxcalib.runs.session import Session
+from jaxcalib.search.optimiser import Setting
+from jaxcalib.search.registry import OPTIMISERS
 
-NOISE_OFFSET = 50_000  # of the seeds of runs that only measure noise
 POLISH_RADIUS = 0.25  # of the box of known widths
+LITERAL_EVALUATIONS = 16  # as printed, Algorithm 3 evaluates a generation more
 DRIFT = 2.0  # standard deviations of Stage 1's misfit over its drives
 
 STAGE_1 = "stage1"
@@ -41,23 +42,22 @@ class TwoStageResult:
     Attributes:
         stage_1: SOAT on the inputs.
         exploration: SOAT and range analysis on the driver parameters.
-        saga: SAGA on the critical ones.
+        optimised: the optimiser's search of the critical ones.
         polish: joint polish of all.
         refinement: what gradients made of the polish's result; None where there was nothing to differentiate.
         critical: places of the critical parameters.
         best: result in the unit cube.
         objective: the objective at the end.
         judged: candidates of the driver stages, for later surfaces.
-        stage_1_accuracy: flow-level accuracy of Stage 1's result, of SAGA's and of the polish's, same runs.
+        stage_1_accuracy: flow-level accuracy of Stage 1's result, of the optimiser's and of the polish's, same runs.
         has_drifted: whether Stage 2 had undone Stage 1 beyond noise.
         half_width: of the region that is searched around a point, for each parameter.
         course: all rounds.
-        wall_s: time of each stage.
     """
 
     stage_1: Screening
     exploration: Screening
-    saga: Optimisation
+    optimised: Optimisation
     polish: Optimisation
     refinement: GradientRefinement | None
     critical: tuple[int, ...]
@@ -68,7 +68,6 @@ class TwoStageResult:
     has_drifted: bool
     half_width: Float[np.ndarray, " parameter"]
     course: list[CourseEntry]
-    wall_s: dict[str, float] = field(default_factory=dict)
 
 
 def search_two_stages(
@@ -77,9 +76,7 @@ def search_two_stages(
     evaluator: Evaluator,
     settings: Settings,
     budget: Budget,
-    seed: int,
-    progress: Progress,
-    clock: Callable[[], float] = time.perf_counter,
+    session: Session,
 ) -> TwoStageResult:
     """Search inputs first, driver parameters second, then all together.
 
@@ -89,93 +86,41 @@ def search_two_stages(
         evaluator: of the surrogate.
         settings: the user's options.
         budget: numbers of runs.
-        seed: of the searches' random numbers.
-        progress: told of each stage.
-        clock: for the time of each stage.
+        session: gives the searches' random numbers, and is told of each stage and its time.
     """
-    began = clock()
-    space, num_inputs = initial.space, problem.layout.num_inputs
-    everything = range(len(space.names))
-    start = space.unit_of(initial.values)
-    evidence = evidence_of(initial)
-    half_width = half_width_of(initial.unit_error)
-    num_runs = evaluator.rounds_of(budget.runs_per_candidate)
-
-    def objective_at(unit: Float[np.ndarray, " parameter"], noise_runs: int) -> Objective:
-        values, rounds = space.values_of(unit[None]), evaluator.rounds_of(noise_runs)
-        runs = evaluator.evaluate(values, rounds, NOISE_OFFSET).tally[0]
-        return choose_objective(problem, settings, evidence, runs[np.isfinite(runs).all(axis=1)])
-
-    progress.stage(STAGE_1)
-    objective = objective_at(start, budget.noise_runs)
-    course: list[CourseEntry] = []
-    flow_run = SearchRun(evaluator, space, objective.of_level(Level.TRAFFIC), course)
-    inputs_box = search_box(start, everything[:num_inputs], half_width)
-    threshold = settings.accuracy_threshold or objective.noise_floor_accuracy
-    design = small_array(num_inputs)  # flow answers nearly in proportion to inflow
-    stage_1 = screen(
-        flow_run, inputs_box, start, num_runs, 1, STAGE_1, threshold, literal=settings.literal, array=design
-    )
-    wall_s = {STAGE_1: clock() - began}
-    began = clock()
-
-    progress.stage(EXPLORATION)
-    progress.best(stage_1.best_accuracy)
-    run = SearchRun(evaluator, space, objective, course)
-    drivers_box = search_box(stage_1.best, everything[num_inputs:], half_width)
-    num_critical = min(settings.num_critical, len(drivers_box.chosen))
-    exploration = screen(run, drivers_box, stage_1.best, num_runs, num_critical, EXPLORATION, threshold)
-    wall_s[EXPLORATION] = clock() - began
-    began = clock()
-
-    progress.stage(OPTIMISATION)
-    progress.best(exploration.best_accuracy)
-    run = run.with_objective(objective_at(exploration.best, budget.covariance_runs))
-    critical = _critical(exploration, num_critical)
-    held = _hold(exploration, stage_1.best, critical)
-    critical_box = search_box(held, critical, half_width)
-    explored = [_again(run, exploration.cases), _again(run, exploration.shortlist)]
-    seeds = np.vstack([held, start, best_of(explored, 4)])
-    config = SagaConfig(
-        population_size=budget.population_size,
-        num_generations=budget.num_generations,
-        accuracy_threshold=threshold,
-        stop_at_threshold=settings.literal,
-        literal=settings.literal,
-    )
-    if "saga" in settings.without:
-        saga = _left_out(held, exploration.best_accuracy)
-    else:
-        saga = optimise(run, critical_box, seeds, num_runs, config, seed, OPTIMISATION)
-    progress.best(saga.best_accuracy)
-
-    polish_runs = evaluator.rounds_of(budget.polish_runs)
-    joint_box = search_box(saga.best, everything, half_width)
-    if "polish" in settings.without:
-        polished = _left_out(saga.best, saga.best_accuracy)
-    else:
-        polished = polish(
-            run, joint_box, saga.best, polish_runs,
-            polish_config(POLISH_RADIUS, budget.polish_iterations),
-            OPTIMISATION, [*explored, *saga.rounds],
-        )  # fmt: skip
-    known = [*explored, *saga.rounds, *polished.rounds]
-    surface = local_surface(run.objective, joint_box, known, polished.best)
-    refined = None
-    if not run.objective.is_relative and "gradients" not in settings.without:
-        num_moments = len(run.objective.moments.names)
-        refined = refine(polished.best, initial, evidence, surface, joint_box, num_moments)
-    last_point = polished.best if refined is None else refined.unit
-    candidates = np.stack([stage_1.best, saga.best, polished.best, last_point, start])
-    last = run.judge(candidates, evaluator.rounds_of(budget.noise_runs), OPTIMISATION, NOISE_OFFSET)
-    flow = run.with_objective(run.objective.of_level(Level.TRAFFIC)).rejudge(last.pooled, last.values, last.num_runs)
-    best = _winner(last, (1, 2, 3, 4))
-    progress.best(float(last.accuracy[best]))
-    wall_s[OPTIMISATION] = clock() - began
+    search = _Search(problem, initial, evaluator, settings, budget, session, evidence_of(initial))
+    with session.stopwatch.time(STAGE_1):
+        session.progress.stage(STAGE_1)
+        objective = search.objective_at(search.start, budget.noise_runs)
+        threshold = settings.accuracy_threshold or objective.noise_floor_accuracy
+        stage_1 = search.screen_inputs(objective, threshold)
+    with session.stopwatch.time(EXPLORATION):
+        session.progress.stage(EXPLORATION)
+        session.progress.best(stage_1.best_accuracy)
+        exploration = search.screen_drivers(objective, threshold, stage_1.best)
+    with session.stopwatch.time(OPTIMISATION):
+        session.progress.stage(OPTIMISATION)
+        session.progress.best(exploration.best_accuracy)
+        run = search.run_with(search.objective_at(exploration.best, budget.covariance_runs))
+        critical = _critical(exploration, search.num_critical)
+        explored = [_again(run, exploration.cases), _again(run, exploration.shortlist)]
+        optimised = search.optimise_critical(run, exploration, stage_1.best, critical, explored, threshold)
+        session.progress.best(optimised.best_accuracy)
+        known = [*explored, *optimised.rounds]
+        joint_box = search_box(optimised.best, range(len(initial.space.names)), search.half_width)
+        polished = search.polish_all(run, joint_box, optimised, known)
+        known += polished.rounds
+        refined = search.refine_drivers(run.objective, joint_box, polished.best, known)
+        last_point = polished.best if refined is None else refined.unit
+        last = search.compare(run, np.stack([stage_1.best, optimised.best, polished.best, last_point, search.start]))
+        flow_objective = run.objective.of_level(Level.TRAFFIC)
+        flow = run.with_objective(flow_objective).rejudge(last.pooled, last.values, last.num_runs)
+        best = _winner(last, (1, 2, 3, 4))
+        session.progress.best(float(last.accuracy[best]))
     return TwoStageResult(
         stage_1=stage_1,
         exploration=exploration,
-        saga=saga,
+        optimised=optimised,
         polish=polished,
         critical=tuple(int(one) for one in critical),
         best=last.unit[best],
@@ -183,11 +128,134 @@ def search_two_stages(
         judged=[*known, last],
         refinement=refined,
         stage_1_accuracy=tuple(float(one) for one in flow.accuracy[:3]),  # pyright: ignore[reportArgumentType]
-        has_drifted=_has_drifted(run.objective.of_level(Level.TRAFFIC), flow),
-        half_width=half_width,
-        course=course,
-        wall_s=wall_s,
+        has_drifted=_has_drifted(flow_objective, flow),
+        half_width=search.half_width,
+        course=search.course,
     )
+
+
+@dataclass(frozen=True)
+class _Search:
+    """What all stages share, and what each of them does.
+
+    Attributes:
+        problem: the problem.
+        initial: where to begin.
+        evaluator: of the surrogate.
+        settings: the user's options.
+        budget: numbers of runs.
+        session: gives random numbers.
+        evidence: what the logs say of the parameters.
+        course: all rounds so far.
+    """
+
+    problem: CalibrationProblem
+    initial: InitialPoint
+    evaluator: Evaluator
+    settings: Settings
+    budget: Budget
+    session: Session
+    evidence: Evidence
+    course: list[CourseEntry] = field(default_factory=list)
+
+    @property
+    def start(self) -> Float[np.ndarray, " parameter"]:
+        """What the logs say, in the unit cube."""
+        return self.initial.space.unit_of(self.initial.values)
+
+    @property
+    def half_width(self) -> Float[np.ndarray, " parameter"]:
+        """How far around a point each parameter is searched."""
+        return half_width_of(self.initial.unit_error)
+
+    @property
+    def num_runs(self) -> int:
+        """Runs of a candidate while screening and optimising."""
+        return self.evaluator.rounds_of(self.budget.runs_per_candidate)
+
+    @property
+    def num_critical(self) -> int:
+        """K, at most all driver parameters."""
+        return min(self.settings.num_critical, len(self.initial.space.names) - self.problem.layout.num_inputs)
+
+    def objective_at(self, unit: Float[np.ndarray, " parameter"], noise_runs: int) -> Objective:
+        """Return the objective whose noise is that of runs at a point."""
+        values, rounds = self.initial.space.values_of(unit[None]), self.evaluator.rounds_of(noise_runs)
+        runs = self.evaluator.evaluate(values, rounds, NOISE_OFFSET).tally[0]
+        return choose_objective(self.problem, self.settings, self.evidence, runs[np.isfinite(runs).all(axis=1)])
+
+    def run_with(self, objective: Objective) -> SearchRun:
+        """Return what judges candidates by an objective."""
+        return SearchRun(self.evaluator, self.initial.space, objective, self.course)
+
+    def screen_inputs(self, objective: Objective, threshold: float) -> Screening:
+        """Stage 1: screen the inputs by the flow."""
+        num_inputs = self.problem.layout.num_inputs
+        box = search_box(self.start, range(num_inputs), self.half_width)
+        design = small_array(num_inputs)  # flow answers nearly in proportion to inflow
+        run = self.run_with(objective.of_level(Level.TRAFFIC))
+        return screen(
+            run, box, self.start, self.num_runs, 1, STAGE_1, threshold, literal=self.settings.literal, array=design
+        )
+
+    def screen_drivers(
+        self, objective: Objective, threshold: float, start: Float[np.ndarray, " parameter"]
+    ) -> Screening:
+        """Screen the driver parameters around a point."""
+        drivers = range(self.problem.layout.num_inputs, len(start))
+        box = search_box(start, drivers, self.half_width)
+        return screen(self.run_with(objective), box, start, self.num_runs, self.num_critical, EXPLORATION, threshold)
+
+    def optimise_critical(
+        self,
+        run: SearchRun,
+        exploration: Screening,
+        inputs_from: Float[np.ndarray, " parameter"],
+        critical: np.ndarray,
+        explored: Sequence[Judged],
+        threshold: float,
+    ) -> Optimisation:
+        """Stage 2: search the critical parameters from where the screening left them."""
+        held = _hold(exploration, inputs_from, critical)
+        if "optimiser" in self.settings.without:
+            return _left_out(held, exploration.best_accuracy)
+        box = search_box(held, critical, self.half_width)
+        setting = Setting(
+            num_parameters=len(box.chosen),
+            num_evaluations=self.budget.num_evaluations + LITERAL_EVALUATIONS * self.settings.literal,
+            batch_size=BATCH_SIZE,
+            start=box.box_of(held[None])[0],
+            has_slopes=False,
+            seed=self.session.seed,
+            more_starts=box.box_of(np.vstack([self.start, best_of(explored, 4)])),
+            accuracy_threshold=threshold if self.settings.literal else None,
+            known=known_in(run, box, explored, self.num_runs),
+        )
+        optimiser = OPTIMISERS[self.settings.stage_2_optimiser]()
+        return optimise(run, box, optimiser, setting, self.num_runs, OPTIMISATION)
+
+    def polish_all(
+        self, run: SearchRun, box: SearchBox, optimised: Optimisation, known: Sequence[Judged]
+    ) -> Optimisation:
+        """Improve what Stage 2 found with all parameters at once."""
+        if "polish" in self.settings.without:
+            return _left_out(optimised.best, optimised.best_accuracy)
+        num_runs = self.evaluator.rounds_of(self.budget.polish_runs)
+        config = polish_config(POLISH_RADIUS, self.budget.polish_iterations)
+        return polish(run, box, optimised.best, num_runs, config, OPTIMISATION, known)
+
+    def refine_drivers(
+        self, objective: Objective, box: SearchBox, point: Float[np.ndarray, " parameter"], known: Sequence[Judged]
+    ) -> GradientRefinement | None:
+        """Refine a point by gradients; None where there is nothing to differentiate."""
+        if objective.is_relative or "gradients" in self.settings.without:
+            return None
+        surface = local_surface(objective, box, known, point)
+        return refine(point, self.initial, self.evidence, surface, box, len(objective.moments.names))
+
+    def compare(self, run: SearchRun, points: Float[np.ndarray, "candidate parameter"]) -> Judged:
+        """Run points once more, on the runs that measure noise."""
+        return run.judge(points, self.evaluator.rounds_of(self.budget.noise_runs), OPTIMISATION, NOISE_OFFSET)
 
 
 def _critical(exploration: Screening, num_critical: int) -> np.ndarray:
@@ -196,7 +264,7 @@ def _critical(exploration: Screening, num_critical: int) -> np.ndarray:
 
 
 def _hold(exploration: Screening, start: Float[np.ndarray, " parameter"], critical: np.ndarray) -> np.ndarray:
-    """Return the point whose critical parameters SAGA will move: they begin where the exploration ended.
+    """Return the point whose critical parameters are searched: they begin where the exploration ended.
 
     A parameter that is not critical keeps what the logs or the scenario say, unless its best level stands out from
     noise. (The paper does not say; the best level of a parameter without effect is a random one.)
@@ -227,7 +295,7 @@ def _winner(judged: Judged, places: tuple[int, ...]) -> int:
 
 
 def _has_drifted(objective: Objective, flow: Judged) -> bool:
-    """Return whether SAGA's result fits the flow worse than Stage 1's by more than its noise."""
+    """Return whether the optimiser's result fits the flow worse than Stage 1's by more than its noise."""
     if objective.is_relative:
         return bool(flow.accuracy[0] - flow.accuracy[1] > DRIFT * objective.relative_noise)
     misfit = np.sum(flow.residuals**2, axis=1)

@@ -7,6 +7,7 @@ from matplotlib.colors import TwoSlopeNorm
 from jaxcalib.diagnosis.answer.answer import Diagnosis
 from jaxcalib.diagnosis.inference.ledger import LedgerEntry
 from jaxcalib.html.drawing import AFTER, BEFORE, NOISE, svg
+from surrogate.effects.base import SearchedAt
 
 MOST_NOISE = 5.0
 SHOWN_EXPLANATIONS = 10
@@ -14,7 +15,7 @@ SHOWN_EXPLANATIONS = 10
 
 def map_figure(ledger: list[LedgerEntry]) -> str:
     """Return the gap over route and time: speeds of the field against the calibrated simulation's."""
-    by_time = [one for one in ledger if one.cell.measure == "speed_mps" and one.cell.regime == "by time"]
+    by_time = [entry for entry in ledger if entry.cell.locates == SearchedAt.SPELLS]
     if not by_time:
         return ""
     starts_m = sorted({one.cell.from_m for one in by_time if one.cell.from_m is not None})
@@ -42,7 +43,7 @@ def map_figure(ledger: list[LedgerEntry]) -> str:
 
 def place_figure(ledger: list[LedgerEntry]) -> str:
     """Return along the route how drivers of the field accelerate beyond the calibrated model."""
-    chosen = [one for one in ledger if one.cell.channel == "replay" and one.cell.measure == "residual_mps2"]
+    chosen = [entry for entry in ledger if entry.cell.locates == SearchedAt.STRETCHES]
     lines = {
         regime: sorted(
             (0.5 * (one.cell.from_m + one.cell.to_m), one.field - one.simulated, one.difference)

@@ -8,6 +8,7 @@ from jaxcalib.diagnosis.inference.baseline import FAR_STEPS
 from jaxcalib.diagnosis.inference.ledger import parameter_shift
 from jaxcalib.diagnosis.inference.verdict import Verdict
 from jaxcalib.problem.problem import CalibrationProblem
+from surrogate.effects.base import SearchedAt
 from surrogate.effects.registry import EFFECTS
 
 FEW_DRIVES = 3
@@ -21,9 +22,9 @@ def not_testable(findings: Findings) -> dict[str, str]:
     for effect in EFFECTS:
         if effect.name in tested:
             continue
-        if effect.name == "ramp_inflow_error":
+        if effect.is_calibrated:
             reasons[effect.name] = "the scenario has no ramp whose inflow is an input"
-        elif effect.has_place or effect.has_time:
+        elif effect.searched_at is not SearchedAt.EVERYWHERE:
             reasons[effect.name] = "at no place and time do the drives depart from the simulation in its direction"
         else:
             reasons[effect.name] = "its runs failed: drivers with it collide on this road, or fill it"

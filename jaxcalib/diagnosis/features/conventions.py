@@ -6,9 +6,11 @@ from dataclasses import dataclass
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Float, Int
 
 from jaxcalib.problem.problem import CalibrationProblem
 from sim_adapters.units import kmh_from_mps, mps_from_kmh
+from surrogate.road.drive_table import LogFormat
 from surrogate.vehicle.car_following_model import CarFollowingModel, FollowingSituation
 from surrogate.vehicle.vehicle_class import VehicleClass
 
@@ -28,33 +30,27 @@ class Conventions:
     Attributes:
         step_s: time step of the simulation.
         nominal_length_m: length taken for every vehicle.
-        ahead_m: range of the sensors ahead.
-        behind_m: range behind.
         stretch_m: borders of the stretches of route.
         period_s: borders of the periods of time.
         lane_from_left: for each row of the road its lane counted from the left, 1 is the leftmost.
         segment_end_m: ends of the road's segments.
         limit_mps: speed limit, [row, segment].
         merge_m: where vehicles may enter from a ramp, [merge, (begin, end)].
-        place_step_m: rounding of distances in the logs.
-        speed_step_mps: rounding of speeds.
+        log: range and rounding of the logs.
     """
 
     step_s: float
     nominal_length_m: float
-    ahead_m: float
-    behind_m: float
     stretch_m: np.ndarray
     period_s: np.ndarray
     lane_from_left: np.ndarray
     segment_end_m: np.ndarray
     limit_mps: np.ndarray
     merge_m: np.ndarray
-    place_step_m: float
-    speed_step_mps: float
+    log: LogFormat
 
-    def limit_at(self, lane: np.ndarray, position_m: np.ndarray) -> np.ndarray:
-        """Return the speed limit at places."""
+    def limit_at(self, lane: Int[np.ndarray, " row"], position_m: Float[np.ndarray, " row"]) -> np.ndarray:
+        """Speed limit at positions of lanes."""
         segment = np.searchsorted(self.segment_end_m, position_m, side="right")
         return self.limit_mps[lane, np.minimum(segment, self.limit_mps.shape[1] - 1)]
 
@@ -73,17 +69,19 @@ def conventions_of(problem: CalibrationProblem) -> Conventions:
     return Conventions(
         step_s=problem.parts.scenario.step_s,
         nominal_length_m=problem.case.perception.nominal_length_m,
-        ahead_m=problem.case.perception.ahead_m,
-        behind_m=problem.case.perception.behind_m,
         stretch_m=np.linspace(0.0, length_m, stretches + 1),
         period_s=np.arange(begin_s, end_s + PERIOD_S, PERIOD_S),
         lane_from_left=np.round(order.max() - order).astype(int) + 1,
         segment_end_m=np.asarray(road.segment_end_m, float),
         limit_mps=np.asarray(road.speed_limit_mps, float),
         merge_m=np.asarray([(network.edge_start_m(e), network.edge_end_m(e)) for e in wide]).reshape(-1, 2),
-        place_step_m=rounding_step(np.concatenate([drive.objects.offset_m for drive in problem.drives])),
-        speed_step_mps=mps_from_kmh(
-            rounding_step(kmh_from_mps(1.0) * np.concatenate([drive.objects.speed_mps for drive in problem.drives]))
+        log=LogFormat(
+            ahead_m=problem.case.perception.ahead_m,
+            behind_m=problem.case.perception.behind_m,
+            place_step_m=rounding_step(np.concatenate([drive.objects.offset_m for drive in problem.drives])),
+            speed_step_mps=mps_from_kmh(
+                rounding_step(kmh_from_mps(1.0) * np.concatenate([drive.objects.speed_mps for drive in problem.drives]))
+            ),
         ),
     )
 

@@ -5,12 +5,11 @@ from dataclasses import dataclass
 
 from jaxcalib.diagnosis.features.closed_loop import count_closed_loop
 from jaxcalib.diagnosis.features.conventions import Conventions, ExpectedDrivers
-from jaxcalib.diagnosis.features.drive_table import DriveTable
 from jaxcalib.diagnosis.features.features import TallyBook
 from jaxcalib.diagnosis.features.identities import count_identities
 from jaxcalib.diagnosis.features.replay import count_replay
-
-COARSE_S = 0.5
+from jaxcalib.problem.problem import FRAME_INTERVAL_S
+from surrogate.road.drive_table import DriveTable
 
 
 @dataclass(frozen=True)
@@ -30,8 +29,8 @@ class DriveFeatures:
     def of_table(self, table: DriveTable) -> TallyBook:
         """Return the tallies of a drive; identities are left out where instants are too far apart for them."""
         book = TallyBook()
-        steps = max(1, round(COARSE_S / table.interval_s))
-        if table.interval_s < COARSE_S:
+        steps = max(1, round(FRAME_INTERVAL_S / table.interval_s))
+        if table.interval_s < FRAME_INTERVAL_S:
             count_identities(table, self.road, book)
         coarse = table.coarser(steps)
         count_closed_loop(coarse, self.road, book)

@@ -1,19 +1,32 @@
 """Diagnostic features: quotients of tallies that add up over drives, each with the cell that it describes."""
 
+import enum
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from surrogate.effects.base import Reading, SearchedAt
+
 SMALLEST = 1e-9
+EVENT = 1.0
+ROWS_PER_EVENT = 20.0  # a vehicle that shows something shows it in some 20 rows, 10 s, in a row
+
+
+class Channel(enum.StrEnum):
+    """By what a feature compares a drive with the simulation."""
+
+    IDENTITY = "identity"
+    REPLAY = "replay"
+    CLOSED_LOOP = "closed_loop"
 
 
 class Cell(NamedTuple):
-    """What a feature describes.
+    """What a feature describes, and how it is judged; nothing depends on how measure and regime are spelt.
 
     Attributes:
-        channel: identity, replay or closed_loop.
+        channel: by what it compares.
         measure: name with its unit as suffix.
         regime: state of the traffic or time since an event; empty for all.
         role: subject or background.
@@ -23,9 +36,14 @@ class Cell(NamedTuple):
         from_s: begin of the time; None for all.
         to_s: its end.
         is_logarithmic: whether its logarithm is judged: for what cannot be negative and varies by factors.
+        tolerance: standard deviation that stays open whatever the number of runs, in the feature's unit or in natural
+            logarithms; above 0 for what holds in every drive but for rounding and integration.
+        rows_per_event: how many counted rows are one event; 0 where its numerator counts none.
+        locates: windows of which kind of local effect it tells; None for none.
+        reads: what of an effect's strength it reads from the log itself; None for nothing.
     """
 
-    channel: str
+    channel: Channel
     measure: str
     regime: str = ""
     role: str = "background"
@@ -35,6 +53,20 @@ class Cell(NamedTuple):
     from_s: float | None = None
     to_s: float | None = None
     is_logarithmic: bool = False
+    tolerance: float = 0.0
+    rows_per_event: float = 0.0
+    locates: SearchedAt | None = None
+    reads: Reading | None = None
+
+    @classmethod
+    def from_json(cls, values: Sequence[Any]) -> "Cell":
+        """Return the cell that JSON keeps as a list."""
+        cell = cls(*values)
+        return cell._replace(
+            channel=Channel(cell.channel),
+            locates=None if cell.locates is None else SearchedAt(cell.locates),
+            reads=None if cell.reads is None else Reading(cell.reads),
+        )
 
     def within(self, from_m: float, to_m: float) -> "Cell":
         """Return the same on a stretch of route."""
@@ -113,6 +145,16 @@ class DriveTallies:
     def is_logarithmic(self) -> np.ndarray:
         """Whether the logarithm of each feature is judged."""
         return np.asarray([cell.is_logarithmic for cell in self.cells], bool)
+
+    @property
+    def tolerance(self) -> np.ndarray:
+        """Standard deviation of each feature that stays open whatever the number of runs."""
+        return np.asarray([cell.tolerance for cell in self.cells], float)
+
+    @property
+    def rows_per_event(self) -> np.ndarray:
+        """How many counted rows of each feature are one event; 0 where it counts none."""
+        return np.asarray([cell.rows_per_event for cell in self.cells], float)
 
     @property
     def num_runs(self) -> int:

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from jaxcalib.diagnosis.features.drive_table import DriveTable
+from surrogate.road.drive_table import DriveTable
 from surrogate.road.perception import PerceptionFrame
 
 NUM_SUBJECT_VALUES = 4
@@ -71,7 +71,8 @@ class FrameRecorder(eqx.Module):
         return RecordedFrames(
             state.number + frame.valid,
             state.subject.at[place].set(subject, mode="drop"),
-            state.objects.at[place].set(objects, mode="drop"),
+            # a narrow road has fewer objects than there are places
+            state.objects.at[place, :, : objects.shape[1]].set(objects, mode="drop"),
         )
 
     def finish(self, state: RecordedFrames) -> Float[Array, " word"]:

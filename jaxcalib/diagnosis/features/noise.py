@@ -1,6 +1,5 @@
 """What the field would differ by without any effect: chance, the calibration's error, and the simulation's."""
 
-import re
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,39 +12,10 @@ FEWEST_EFFECTIVE_RUNS = 10.0
 # An identity holds in every drive, and what it leaves open is a tolerance rather than chance: a few drives will do.
 FEWEST_DRIVES_OF_IDENTITY, FEWEST_RUNS_OF_IDENTITY = 1.5, 4.0
 FEWEST_EVENTS = 5.0
-ROWS_PER_EVENT = 20.0  # a vehicle that shows something shows it in some 20 rows, 10 s, in a row
 TAIL, NORMAL_TAIL = 0.995, 2.807  # a quantile of means over as many drives as the field has, and the normal one
 MOST_TAIL = 3.0
 NUM_DRAWS = 1000
 CORRELATION_FLOOR = 0.15  # share of the identity that is mixed into correlations: 300 features rest on some 60 runs
-# What identities leave open: logs are rounded, integrators differ by half a step, and no simulator has the fine
-# structure of real accelerations. In each feature's own unit; logarithmic features in natural logarithms.
-OPEN = (
-    (r"distance_scale_error", 0.003),
-    (r"latency_by_", 0.05),
-    (r"distance_error_square", 1.5),
-    (r"second_difference_square", 0.7),
-    (r"second_difference_alternation", 0.3),
-    (r"acceleration_jumps", 0.06),
-    (r"held_acceleration", 0.2),
-    (r"acceleration_step_square", 0.8),
-    (r"rhythm_of_acting", 0.06),
-    (r"time_off_centre", 0.3),
-    (r"(lost|found)_inside_range", 0.3),
-    (r"share_within_", 0.01),
-    (r"acceleration_less_speed_change", 0.02),
-    (r"standing_without_leader", 0.001),
-)
-
-
-def open_deviation(cells: tuple[Cell, ...]) -> np.ndarray:
-    """Return the standard deviation that stays open for each feature, whatever the number of runs."""
-    open_s = np.zeros(len(cells))
-    for place, cell in enumerate(cells):
-        for pattern, value in OPEN:
-            if re.match(pattern, cell.measure):
-                open_s[place] = value
-    return open_s
 
 
 @dataclass(frozen=True)
@@ -96,7 +66,7 @@ def observed_cells(field: DriveTallies, null: DriveTallies) -> tuple[Cell, ...]:
     """Return the features that both observe often enough to have a mean and a noise."""
     cells = tuple(cell for cell in null.cells if cell in set(field.cells))
     field, null = on_cells(field, cells), on_cells(null, cells)
-    is_identity = open_deviation(cells) > 0.0
+    is_identity = null.tolerance > 0.0
     fewest_drives = np.where(is_identity, FEWEST_DRIVES_OF_IDENTITY, FEWEST_EFFECTIVE_DRIVES)
     fewest_runs = np.where(is_identity, FEWEST_RUNS_OF_IDENTITY, FEWEST_EFFECTIVE_RUNS)
     enough = effective_number(field.below) >= np.minimum(fewest_drives, 0.6 * len(field))
@@ -104,21 +74,10 @@ def observed_cells(field: DriveTallies, null: DriveTallies) -> tuple[Cell, ...]:
     # events: fewer than a handful have no normal distribution
     ratio = null.above.mean(axis=0) / np.maximum(null.below.mean(axis=0), 1e-12)
     expected = np.abs(ratio) * field.below.sum(axis=0)
-    is_event = np.asarray([is_count(cell) for cell in cells])
-    fewest = FEWEST_EVENTS * np.asarray([rows_per_event(cell) for cell in cells])
-    enough &= ~is_event | (np.maximum(expected, np.abs(field.above.sum(axis=0))) >= fewest)
+    fewest = FEWEST_EVENTS * null.rows_per_event
+    enough &= np.maximum(expected, np.abs(field.above.sum(axis=0))) >= fewest
     enough &= np.isfinite(field.values()) & np.isfinite(null.values())
     return tuple(cell for cell, kept in zip(cells, enough, strict=True) if kept)
-
-
-def is_count(cell: Cell) -> bool:
-    """Return whether a feature's numerator counts events or rows."""
-    return bool(re.search(r"lane_changes|cut_ins|share|inside_range", cell.measure))
-
-
-def rows_per_event(cell: Cell) -> float:
-    """Return how many counted rows are one event."""
-    return ROWS_PER_EVENT if "share" in cell.measure else 1.0
 
 
 def null_model(
@@ -150,17 +109,15 @@ def null_model(
     rarer = np.maximum(per_drive / np.maximum(field_below / num_drives, 1e-12), 1.0)
     chance = spread * np.sqrt(rarer / num_drives + 1.0 / null.num_independent)
     chance = chance * heavy_tail(influence, more_influence, num_drives)
-    poisson = np.asarray([is_count(cell) for cell in cells])
-    clump = np.asarray([rows_per_event(cell) for cell in cells])
+    clump = null.rows_per_event  # counts scatter as Poisson's do; 0 makes no floor
     total = np.maximum(np.abs(null.above.mean(axis=0)) * num_drives, clump) * clump
-    floor = np.where(poisson & ~null.is_logarithmic, np.sqrt(total) / np.maximum(field_below, 1e-12), 0.0)
+    floor = np.where(null.is_logarithmic, 0.0, np.sqrt(total) / np.maximum(field_below, 1e-12))
     chance = np.maximum(chance, floor)
-    open_s = open_deviation(cells)
-    deviation = np.sqrt(chance**2 + open_s**2)
+    deviation = np.sqrt(chance**2 + null.tolerance**2)
     deviation = np.maximum(deviation, 1e-9)
     share = chance / deviation
     correlation = shrunk_correlation(influence, spread, more_influence)
-    noise = correlation * np.outer(share, share) + np.diag((open_s / deviation) ** 2)
+    noise = correlation * np.outer(share, share) + np.diag((null.tolerance / deviation) ** 2)
     scaled = slope / deviation[:, None]
     error = slope_error / deviation[:, None]
     sizes = np.minimum(prior_steps, 1.0)

@@ -6,15 +6,17 @@ not pile up, and nothing but the driver's own law is judged.
 """
 
 import itertools
+from dataclasses import dataclass
 
 import numpy as np
 
 from jaxcalib.diagnosis.features.closed_loop import SPEED_BORDERS, SPEED_NAMES
 from jaxcalib.diagnosis.features.conventions import Conventions, ExpectedDrivers
-from jaxcalib.diagnosis.features.drive_table import DriveTable
-from jaxcalib.diagnosis.features.features import Cell, TallyBook
+from jaxcalib.diagnosis.features.features import ROWS_PER_EVENT, Cell, Channel, TallyBook
+from surrogate.effects.base import SearchedAt
+from surrogate.road.drive_table import NOBODY, DriveTable, RowFlags, RowNumbers, RowValues
 
-CHANNEL = "replay"
+CHANNEL = Channel.REPLAY
 MOST_RESIDUAL_MPS2 = 3.0
 QUIET_S = 2.0  # since the last change of own lane or leader
 CHANGE_BORDERS_S = (0.0, 2.0, 4.0, 8.0, 14.0, 25.0)
@@ -24,143 +26,222 @@ RECENT_S = 60.0
 SLOW_MPS = 8.0
 RECOVERY_S = 20.0
 LEAST_SAMPLES = 8
+NO_LEADER = -9  # no track has this number
+
+
+@dataclass(frozen=True)
+class _Residuals:
+    """What drivers do beyond the calibrated model, and when.
+
+    Attributes:
+        residual_mps2: acceleration over the next interval less the expected one.
+        expected_mps2: acceleration that the model takes now.
+        observed_mps2: acceleration over the next interval.
+        leader_acceleration_mps2: the same of the leader.
+        limit_mps: speed limit.
+        ratio: speed over it.
+        gap_m: gap to the leader; inf without one.
+        time_gap_s: the same in time.
+        leader_track: number of the leader.
+        follows: whether a leader is near.
+        since_own_change_s: time since the last change of lane.
+        since_cut_in_s: time since a newcomer came closer than the leader before.
+        people: rows of other drivers who keep lane and leader.
+        quiet: rows without a change of lane or leader shortly before.
+        steady: rows of people who follow, with nothing new.
+        free: rows of people without a leader, with nothing new.
+    """
+
+    residual_mps2: RowValues
+    expected_mps2: RowValues
+    observed_mps2: RowValues
+    leader_acceleration_mps2: RowValues
+    limit_mps: RowValues
+    ratio: RowValues
+    gap_m: RowValues
+    time_gap_s: RowValues
+    leader_track: RowNumbers
+    follows: RowFlags
+    since_own_change_s: RowValues
+    since_cut_in_s: RowValues
+    people: RowFlags
+    quiet: RowFlags
+    steady: RowFlags
+    free: RowFlags
 
 
 def count_replay(
     table: DriveTable, road: Conventions, background: ExpectedDrivers, subject: ExpectedDrivers, book: TallyBook
 ) -> None:
     """Enter the features of a drive; instants should be 0.5 s apart."""
-    step = table.interval_s
-    leader, after = table.leader, table.after
-    has_after = after >= 0
-    later = np.maximum(after, 0)
-    same_lane = has_after & (table.lane[later] == table.lane)
-    leader_after = np.where(has_after, leader[later], -2)
-    leader_track = np.where(leader >= 0, table.track[np.maximum(leader, 0)], -9)
-    later_track = np.where(leader_after >= 0, table.track[np.maximum(leader_after, 0)], -9)
-    keeps = same_lane & (leader_track == later_track) & ((leader >= 0) == (leader_after >= 0))
-
-    gap_m = np.full(len(leader), np.inf)
-    has = leader >= 0
-    gap_m[has] = table.position_m[leader[has]] - table.position_m[has] - road.nominal_length_m
-    leader_speed = np.where(has, table.speed_mps[np.maximum(leader, 0)], 0.0)
-    limit = road.limit_at(table.lane, table.position_m)
-    factor = np.where(table.is_subject, subject.speed_factor, background.speed_factor)
-    desired = factor * limit
-    mine = table.is_subject
-    expected = background.acceleration(table.speed_mps, gap_m, leader_speed, desired)
-    own = subject.acceleration(table.speed_mps[mine], gap_m[mine], leader_speed[mine], desired[mine])
-    expected[mine] = own
-    observed = np.where(has_after, (table.speed_mps[later] - table.speed_mps) / step, 0.0)
-    residual = observed - 0.5 * (expected + expected[later])
-    residual = np.clip(residual, -MOST_RESIDUAL_MPS2, MOST_RESIDUAL_MPS2)
-    change = (table.speed_mps[np.maximum(leader_after, 0)] - leader_speed) / step
-    leader_acceleration = np.where(has & (leader_after >= 0), change, 0.0)
-
-    before = np.maximum(table.before, 0)
-    has_before = table.before >= 0
-    own_change = has_before & (table.lane[before] != table.lane)
-    before_leader = np.where(has_before & (leader[before] >= 0), table.track[np.maximum(leader[before], 0)], -9)
-    new_leader = has_before & has & (leader_track != before_leader) & ~own_change
-    closer = new_leader & (gap_m < np.where(has_before, gap_m[before], np.inf) - 3.0)
-    since_own, since_cut_in = table.since(own_change), table.since(closer)
-    quiet = (since_own > QUIET_S) & (table.since(new_leader) > QUIET_S)
-    time_gap = gap_m / np.maximum(table.speed_mps, 1.0)
-    follows = has & (time_gap < FOLLOWING_S)
-    seen_m = road.ahead_m - table.offset_m
-    is_free = ~has & (seen_m > 4.0 * table.speed_mps)
-
-    people = keeps & ~table.is_subject
-    steady = people & quiet & follows
-    free = people & quiet & is_free
-    ratio = table.speed_mps / limit
-    _by_regime(book, residual, ratio, steady, free)
-    _by_place(table, road, book, residual, people & quiet & (follows | is_free), ratio)
-    _by_history(table, book, residual, ratio, steady, limit)
-    _after_changes(book, residual, time_gap, people & has, since_own, since_cut_in)
-    _in_time(table, book, residual, expected, observed, leader_acceleration, leader, steady)
-    _between(table, book, residual, gap_m, ratio, steady, leader_track)
-    _merging(table, road, book, residual, people & quiet, follows)
-    at_subject = keeps & mine & quiet & (has | is_free)
+    keeps = _keeps_lane_and_leader(table)
+    seen = _residuals_of(table, road, background, subject, keeps)
+    _count_by_regime(book, seen)
+    _count_by_place(table, road, book, seen)
+    _count_by_history(table, book, seen)
+    _count_after_changes(book, seen, seen.people & (table.leader >= 0))
+    _count_in_time(table, book, seen)
+    _count_between_vehicles(table, book, seen)
+    _count_merging(table, road, book, seen)
+    is_free = _is_free(table, road)
+    at_subject = keeps & table.is_subject & seen.quiet & ((table.leader >= 0) | is_free)
+    residual = seen.residual_mps2
     book.mean(Cell(CHANNEL, "residual_mps2", role="subject"), residual, at_subject)
     book.mean(Cell(CHANNEL, "residual_square_m2ps4", role="subject", is_logarithmic=True), residual**2, at_subject)
 
 
-def _by_regime(book, residual, ratio, steady, free) -> None:
-    regime = np.digitize(ratio, SPEED_BORDERS)
+def _leader_track(table: DriveTable) -> RowNumbers:
+    return np.where(table.leader >= 0, table.track[np.maximum(table.leader, 0)], NO_LEADER)
+
+
+def _is_free(table: DriveTable, road: Conventions) -> RowFlags:
+    """Rows without a leader for as far as four seconds."""
+    return (table.leader < 0) & (road.log.ahead_m - table.offset_m > 4.0 * table.speed_mps)
+
+
+def _keeps_lane_and_leader(table: DriveTable) -> RowFlags:
+    """Rows whose vehicle has the same lane and the same leader, or none, at the next instant."""
+    has_after, later = table.after >= 0, np.maximum(table.after, 0)
+    leader_track = _leader_track(table)
+    leader_after = np.where(has_after, table.leader[later], NOBODY)
+    has_after &= table.lane[later] == table.lane
+    return has_after & (leader_track == leader_track[later]) & ((table.leader >= 0) == (leader_after >= 0))
+
+
+def _residuals_of(
+    table: DriveTable, road: Conventions, background: ExpectedDrivers, subject: ExpectedDrivers, keeps: RowFlags
+) -> _Residuals:
+    step_s, leader = table.interval_s, table.leader
+    has, has_after, later = leader >= 0, table.after >= 0, np.maximum(table.after, 0)
+    leader_after = np.where(has_after, leader[later], NOBODY)
+    gap_m = table.gap_m(road.nominal_length_m)
+    leader_mps = np.where(has, table.speed_mps[np.maximum(leader, 0)], 0.0)
+    limit_mps = road.limit_at(table.lane, table.position_m)
+    expected = _expected_acceleration(table, background, subject, gap_m, leader_mps, limit_mps)
+    observed = np.where(has_after, (table.speed_mps[later] - table.speed_mps) / step_s, 0.0)
+    residual = observed - 0.5 * (expected + expected[later])
+    change = (table.speed_mps[np.maximum(leader_after, 0)] - leader_mps) / step_s
+
+    before, has_before = np.maximum(table.before, 0), table.before >= 0
+    own_change = has_before & (table.lane[before] != table.lane)
+    leader_track = _leader_track(table)
+    leader_before = np.where(has_before, leader_track[before], NO_LEADER)
+    new_leader = has_before & has & (leader_track != leader_before) & ~own_change
+    closer = new_leader & (gap_m < np.where(has_before, gap_m[before], np.inf) - 3.0)
+    since_own_change_s = table.since(own_change)
+    quiet = (since_own_change_s > QUIET_S) & (table.since(new_leader) > QUIET_S)
+    time_gap_s = gap_m / np.maximum(table.speed_mps, 1.0)
+    follows, people = has & (time_gap_s < FOLLOWING_S), keeps & ~table.is_subject
+    return _Residuals(
+        residual_mps2=np.clip(residual, -MOST_RESIDUAL_MPS2, MOST_RESIDUAL_MPS2),
+        expected_mps2=expected,
+        observed_mps2=observed,
+        leader_acceleration_mps2=np.where(has & (leader_after >= 0), change, 0.0),
+        limit_mps=limit_mps,
+        ratio=table.speed_mps / limit_mps,
+        gap_m=gap_m,
+        time_gap_s=time_gap_s,
+        leader_track=leader_track,
+        follows=follows,
+        since_own_change_s=since_own_change_s,
+        since_cut_in_s=table.since(closer),
+        people=people,
+        quiet=quiet,
+        steady=people & quiet & follows,
+        free=people & quiet & _is_free(table, road),
+    )
+
+
+def _expected_acceleration(
+    table: DriveTable,
+    background: ExpectedDrivers,
+    subject: ExpectedDrivers,
+    gap_m: RowValues,
+    leader_mps: RowValues,
+    limit_mps: RowValues,
+) -> RowValues:
+    mine = table.is_subject
+    desired_mps = np.where(mine, subject.speed_factor, background.speed_factor) * limit_mps
+    expected = background.acceleration(table.speed_mps, gap_m, leader_mps, desired_mps)
+    expected[mine] = subject.acceleration(table.speed_mps[mine], gap_m[mine], leader_mps[mine], desired_mps[mine])
+    return expected
+
+
+def _residual_cell(regime: str) -> Cell:
+    return Cell(CHANNEL, "residual_mps2", regime)
+
+
+def _count_by_regime(book: TallyBook, seen: _Residuals) -> None:
+    residual = seen.residual_mps2
+    regime = np.digitize(seen.ratio, SPEED_BORDERS)
     for index, name in enumerate(SPEED_NAMES):
-        at = steady & (regime == index)
-        book.mean(Cell(CHANNEL, "residual_mps2", f"following, {name}"), residual, at)
+        at = seen.steady & (regime == index)
+        book.mean(_residual_cell(f"following, {name}"), residual, at)
         cell = Cell(CHANNEL, "residual_square_m2ps4", f"following, {name}", is_logarithmic=True)
         book.mean(cell, residual**2, at)
     for index in (1, 2, 3):
-        at = free & (regime == index)
-        book.mean(Cell(CHANNEL, "residual_mps2", f"free, {SPEED_NAMES[index]}"), residual, at)
-    book.mean(Cell(CHANNEL, "residual_square_m2ps4", "free", is_logarithmic=True), residual**2, free)
+        book.mean(_residual_cell(f"free, {SPEED_NAMES[index]}"), residual, seen.free & (regime == index))
+    book.mean(Cell(CHANNEL, "residual_square_m2ps4", "free", is_logarithmic=True), residual**2, seen.free)
 
 
-def _by_place(table, road, book, residual, chosen, ratio) -> None:
-    number = len(road.stretch_m) - 1
+def _count_by_place(table: DriveTable, road: Conventions, book: TallyBook, seen: _Residuals) -> None:
+    num_stretches = len(road.stretch_m) - 1
     stretch = np.digitize(table.position_m, road.stretch_m) - 1
-    for regime, at in (("slow", ratio < 0.7), ("fast", ratio >= 0.7)):
-        now = chosen & at & (stretch >= 0) & (stretch < number)
-        above = np.bincount(stretch[now], residual[now], number)
-        below = np.bincount(stretch[now], minlength=number)
-        for index in range(number):
-            cell = Cell(
-                CHANNEL,
-                "residual_mps2",
-                regime,
-                from_m=float(road.stretch_m[index]),
-                to_m=float(road.stretch_m[index + 1]),
-            )
-            book.quotient(cell, above[index], below[index])
+    on_stretch = (seen.steady | seen.free) & (stretch >= 0) & (stretch < num_stretches)
+    for regime, at in (("slow", seen.ratio < 0.7), ("fast", seen.ratio >= 0.7)):
+        now = on_stretch & at
+        above = np.bincount(stretch[now], seen.residual_mps2[now], num_stretches)
+        below = np.bincount(stretch[now], minlength=num_stretches)
+        cell = _residual_cell(regime)._replace(locates=SearchedAt.STRETCHES)
+        for index in range(num_stretches):
+            book.quotient(cell.within(*road.stretch_m[index : index + 2]), above[index], below[index])
 
 
-def _by_history(table, book, residual, ratio, steady, limit) -> None:
-    recent = table.recent_mean(table.speed_mps / limit, RECENT_S)
+def _count_by_history(table: DriveTable, book: TallyBook, seen: _Residuals) -> None:
+    residual, ratio, steady = seen.residual_mps2, seen.ratio, seen.steady
+    recent = table.recent_mean(table.speed_mps / seen.limit_mps, RECENT_S)
     seen_s = table.since(table.before < 0)
     for name, low, high in (("slow", 0.2, 0.5), ("dense", 0.5, 0.75)):
         at = steady & (ratio >= low) & (ratio < high) & (seen_s > 15.0)
-        book.mean(Cell(CHANNEL, "residual_mps2", f"{name}, after slow traffic"), residual, at & (recent < 0.5))
-        book.mean(Cell(CHANNEL, "residual_mps2", f"{name}, after fast traffic"), residual, at & (recent >= 0.5))
-    since_slow = table.since(table.speed_mps < SLOW_MPS)
-    recovering = (since_slow > 0.0) & (since_slow < RECOVERY_S)
+        book.mean(_residual_cell(f"{name}, after slow traffic"), residual, at & (recent < 0.5))
+        book.mean(_residual_cell(f"{name}, after fast traffic"), residual, at & (recent >= 0.5))
+    since_slow_s = table.since(table.speed_mps < SLOW_MPS)
+    recovering = (since_slow_s > 0.0) & (since_slow_s < RECOVERY_S)
     for name, low, high in (("8 to 11 m/s", 8.0, 11.0), ("11 to 14 m/s", 11.0, 14.0), ("14 to 17 m/s", 14.0, 17.0)):
         at = steady & (table.speed_mps >= low) & (table.speed_mps < high)
-        book.mean(Cell(CHANNEL, "residual_mps2", f"{name}, recovering"), residual, at & recovering)
-        book.mean(Cell(CHANNEL, "residual_mps2", f"{name}, not recovering"), residual, at & ~recovering)
+        book.mean(_residual_cell(f"{name}, recovering"), residual, at & recovering)
+        book.mean(_residual_cell(f"{name}, not recovering"), residual, at & ~recovering)
     slow = steady & (table.speed_mps < SLOW_MPS) & (table.speed_mps > 1.0)
-    book.mean(
-        Cell(CHANNEL, "residual_mps2", "below 8 m/s, starting"),
-        residual,
-        slow & (residual + ratio > -9) & recovering_start(table),
-    )
-    book.mean(Cell(CHANNEL, "residual_mps2", "below 8 m/s, not starting"), residual, slow & ~recovering_start(table))
+    starting = _leader_pulls_away(table)
+    book.mean(_residual_cell("below 8 m/s, starting"), residual, slow & starting)
+    book.mean(_residual_cell("below 8 m/s, not starting"), residual, slow & ~starting)
 
 
-def recovering_start(table: DriveTable) -> np.ndarray:
-    """Return where a vehicle's leader is faster than itself by more than 0.5 m/s."""
+def _leader_pulls_away(table: DriveTable) -> RowFlags:
+    """Rows whose leader is faster by more than 0.5 m/s."""
     leader = table.leader
     return (leader >= 0) & (table.speed_mps[np.maximum(leader, 0)] > table.speed_mps + 0.5)
 
 
-def _after_changes(book, residual, time_gap, chosen, since_own, since_cut_in) -> None:
-    for who, since in (("after own lane change", since_own), ("behind a newcomer", since_cut_in)):
+def _count_after_changes(book: TallyBook, seen: _Residuals, chosen: RowFlags) -> None:
+    for who, since_s in (
+        ("after own lane change", seen.since_own_change_s),
+        ("behind a newcomer", seen.since_cut_in_s),
+    ):
         for low, high in itertools.pairwise(CHANGE_BORDERS_S):
-            at = chosen & (since >= low) & (since < high) & (time_gap < FOLLOWING_S)
+            at = chosen & (since_s >= low) & (since_s < high) & (seen.time_gap_s < FOLLOWING_S)
             regime = f"{who}, {low:g} to {high:g} s"
-            book.mean(Cell(CHANNEL, "residual_mps2", regime), residual, at)
-            book.mean(Cell(CHANNEL, "time_gap_s", regime), time_gap, at)
+            book.mean(_residual_cell(regime), seen.residual_mps2, at)
+            book.mean(Cell(CHANNEL, "time_gap_s", regime), seen.time_gap_s, at)
 
 
-def _in_time(table, book, residual, expected, observed, leader_acceleration, leader, steady) -> None:
+def _count_in_time(table: DriveTable, book: TallyBook, seen: _Residuals) -> None:
+    residual, expected, steady = seen.residual_mps2, seen.expected_mps2, seen.steady
+    leader, leader_acceleration = table.leader, seen.leader_acceleration_mps2
     for lag_s in LAGS_S:
-        steps = round(lag_s / table.interval_s)
-        other = table.later(-steps)
-        both = steady & (other >= 0)
-        both &= steady[np.maximum(other, 0)]
-        back = np.maximum(other, 0)
+        earlier = table.later(-round(lag_s / table.interval_s))
+        back = np.maximum(earlier, 0)
+        both = steady & (earlier >= 0) & steady[back]
         book.mean(Cell(CHANNEL, "residual_autocovariance_m2ps4", f"{lag_s:g} s"), residual * residual[back], both)
         book.mean(
             Cell(CHANNEL, "residual_with_leader_acceleration_m2ps4", f"{lag_s:g} s"),
@@ -169,50 +250,49 @@ def _in_time(table, book, residual, expected, observed, leader_acceleration, lea
         change = expected - expected[back]
         book.mean(Cell(CHANNEL, "residual_with_expected_change_m2ps4", f"{lag_s:g} s"), residual * change, both)
     book.mean(Cell(CHANNEL, "residual_with_leader_acceleration_m2ps4", "0 s"), residual * leader_acceleration, steady)
-    second = np.where(leader >= 0, leader[np.maximum(leader, 0)], -1)
-    ahead = steady & (second >= 0)
+    second = np.where(leader >= 0, leader[np.maximum(leader, 0)], NOBODY)
     difference = table.speed_mps[np.maximum(second, 0)] - table.speed_mps[np.maximum(leader, 0)]
-    book.mean(Cell(CHANNEL, "residual_with_second_leader_m2ps3"), residual * np.clip(difference, -5, 5), ahead)
+    cell = Cell(CHANNEL, "residual_with_second_leader_m2ps3")
+    book.mean(cell, residual * np.clip(difference, -5, 5), steady & (second >= 0))
     approach = np.where(leader >= 0, table.speed_mps[np.maximum(leader, 0)] - table.speed_mps, 0.0)
     book.mean(Cell(CHANNEL, "residual_with_approach_m2ps3"), residual * np.clip(approach, -5, 5), steady)
     book.mean(Cell(CHANNEL, "residual_with_expected_m2ps4"), residual * np.clip(expected, -3, 3), steady)
-    book.mean(Cell(CHANNEL, "acceleration_square_m2ps4", is_logarithmic=True), observed**2, steady)
+    book.mean(Cell(CHANNEL, "acceleration_square_m2ps4", is_logarithmic=True), seen.observed_mps2**2, steady)
 
 
-def _between(table, book, residual, gap_m, ratio, steady, leader_track) -> None:
+def _count_between_vehicles(table: DriveTable, book: TallyBook, seen: _Residuals) -> None:
     """Between-vehicle spread: the product of two halves' means is free of what varies within a vehicle."""
-    at = steady & (ratio > 0.15)
-    for name, who in (("drivers", table.track), ("leaders", leader_track)):
+    at = seen.steady & (seen.ratio > 0.15)
+    for name, vehicle in (("drivers", table.track), ("leaders", seen.leader_track)):
         chosen = np.flatnonzero(at)
-        order = chosen[np.lexsort((table.instant[chosen], who[chosen]))]
+        order = chosen[np.lexsort((table.instant[chosen], vehicle[chosen]))]
         if not len(order):
             continue
-        vehicle, first, count = np.unique(who[order], return_index=True, return_counts=True)
-        del vehicle
+        _, first, count = np.unique(vehicle[order], return_index=True, return_counts=True)
         enough = count >= LEAST_SAMPLES
-        total = np.concatenate([[0.0], np.cumsum(residual[order])])
+        total = np.concatenate([[0.0], np.cumsum(seen.residual_mps2[order])])
         half = count // 2
-        one = (total[first + half] - total[first]) / np.maximum(half, 1)
-        two = (total[first + count] - total[first + half]) / np.maximum(count - half, 1)
+        early = (total[first + half] - total[first]) / np.maximum(half, 1)
+        late = (total[first + count] - total[first + half]) / np.maximum(count - half, 1)
         cell = Cell(CHANNEL, "residual_between_vehicles_m2ps4", f"by {name}")
-        book.quotient(cell, (one * two)[enough].sum(), enough.sum())
-        cube = Cell(CHANNEL, "residual_low_share", f"by {name}")
-        book.quotient(cube, (enough & (0.5 * (one + two) < -0.3)).sum(), enough.sum())
-    follower_pairs(table, book, residual, at, leader_track)
-    for low in (-0.8, -0.4, 0.4, 0.8):
-        beyond = residual < low if low < 0 else residual > low
-        cell = Cell(CHANNEL, f"residual_share_{'below' if low < 0 else 'above'}_{low:g}_mps2")
-        book.quotient(cell, (at & beyond).sum(), at.sum())
+        book.quotient(cell, (early * late)[enough].sum(), enough.sum())
+        cell = Cell(CHANNEL, "residual_low_share", f"by {name}", rows_per_event=ROWS_PER_EVENT)
+        book.quotient(cell, (enough & (0.5 * (early + late) < -0.3)).sum(), enough.sum())
+    _count_alike_followers(table, book, seen, at)
+    for border in (-0.8, -0.4, 0.4, 0.8):
+        beyond = seen.residual_mps2 < border if border < 0 else seen.residual_mps2 > border
+        measure = f"residual_share_{'below' if border < 0 else 'above'}_{border:g}_mps2"
+        book.quotient(Cell(CHANNEL, measure, rows_per_event=ROWS_PER_EVENT), (at & beyond).sum(), at.sum())
 
 
-def follower_pairs(table: DriveTable, book: TallyBook, residual, at, leader_track) -> None:
+def _count_alike_followers(table: DriveTable, book: TallyBook, seen: _Residuals, at: RowFlags) -> None:
     """Enter how alike different followers of one leader are: what a vehicle's length does to all who follow it."""
     chosen = np.flatnonzero(at)
     if not len(chosen):
         return
-    pair = leader_track[chosen].astype(np.int64) * 100_000 + table.track[chosen]
+    pair = seen.leader_track[chosen].astype(np.int64) * 100_000 + table.track[chosen]
     unique, inverse, count = np.unique(pair, return_inverse=True, return_counts=True)
-    mean = np.bincount(inverse, residual[chosen]) / count
+    mean = np.bincount(inverse, seen.residual_mps2[chosen]) / count
     enough = count >= LEAST_SAMPLES
     leader, mean = unique[enough] // 100_000, mean[enough]
     _, group, size = np.unique(leader, return_inverse=True, return_counts=True)
@@ -221,19 +301,15 @@ def follower_pairs(table: DriveTable, book: TallyBook, residual, at, leader_trac
     book.quotient(Cell(CHANNEL, "residual_alike_behind_one_leader_m2ps4"), products.sum(), pairs.sum())
 
 
-def _merging(table, road, book, residual, chosen, follows) -> None:
+def _count_merging(table: DriveTable, road: Conventions, book: TallyBook, seen: _Residuals) -> None:
+    chosen, residual = seen.people & seen.quiet, seen.residual_mps2
     for begin_m, end_m in road.merge_m:
         lane = road.lane_from_left[table.lane]
         near = chosen & (table.position_m > begin_m - 200.0) & (table.position_m < end_m)
         at_right = lane >= np.sort(np.unique(road.lane_from_left))[-2]
         for name, where in (("right lanes", at_right), ("left lanes", ~at_right)):
-            book.mean(
-                Cell(CHANNEL, "residual_mps2", f"merging area, {name}").within(begin_m - 200.0, end_m),
-                residual,
-                near & where & follows,
-            )
-            strong = near & where
-            cell = Cell(CHANNEL, "residual_share_below_-0.8_mps2", f"merging area, {name}").within(
-                begin_m - 200.0, end_m
-            )
-            book.quotient(cell, (strong & (residual < -0.8)).sum(), strong.sum())
+            regime = f"merging area, {name}"
+            cell = _residual_cell(regime).within(begin_m - 200.0, end_m)
+            book.mean(cell, residual, near & where & seen.follows)
+            cell = cell._replace(measure="residual_share_below_-0.8_mps2", rows_per_event=ROWS_PER_EVENT)
+            book.quotient(cell, (near & where & (residual < -0.8)).sum(), (near & where).sum())

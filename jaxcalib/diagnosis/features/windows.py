@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 from jaxcalib.diagnosis.features.signature import Signature
 from surrogate.effects.base import EffectSetting
+from surrogate.effects.registry import effect_named
 
 
 @dataclass(frozen=True)
@@ -59,5 +60,5 @@ def window_of(signature: Signature) -> Window | None:
         at.get("time_from_s"),
         at.get("time_to_s"),
         None if lane is None else int(lane),
-        signature.sign,
+        effect_named(signature.effect).slows * signature.sign,
     )

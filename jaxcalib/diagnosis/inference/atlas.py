@@ -1,13 +1,11 @@
 """What each parameter and each effect would do to the features: known before the field is looked at."""
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from jaxcalib.diagnosis.features.altered_drives import ALTERATIONS, RHYTHMS
-from jaxcalib.diagnosis.features.features import Cell, DriveTallies
+from jaxcalib.diagnosis.features.features import Cell, Channel, DriveTallies
 from jaxcalib.diagnosis.features.noise import NullModel
 from jaxcalib.diagnosis.features.signature import Signature
 from jaxcalib.diagnosis.features.windows import Window
@@ -15,13 +13,11 @@ from jaxcalib.diagnosis.runs.null_runs import NullRuns
 from jaxcalib.diagnosis.runs.parameter_steps import parameter_steps
 from jaxcalib.diagnosis.runs.trials import BASELINE, Trial, has_pairs, paired_difference
 from sim_adapters.interface import ParameterLayout
-from surrogate.effects.base import ActsOn, Effect, EffectSetting
-from surrogate.effects.registry import EFFECTS
+from surrogate.effects.base import Effect, EffectSetting, SearchedAt
+from surrogate.effects.registry import EFFECTS, effect_named
 
 ALTERED_EXACTNESS = 0.4  # of altered drives: no surrogate, but the same effect may come in another form
-# What reads an effect's strength from the log itself: by it strengths are told, whatever traffic makes of the effect.
-READINGS = {"gap_sensor_bias": r"distance_scale_error", "sensor_latency": r"latency_by_"}
-READING_EXACTNESS = 0.1
+READING_EXACTNESS = 0.1  # of what reads an effect's strength from the log itself, whatever traffic makes of the effect
 
 
 @dataclass(frozen=True)
@@ -87,10 +83,10 @@ def effect_trials(values: np.ndarray, num_runs: int, windows: Mapping[str, Seque
     """
     trials = []
     for effect in EFFECTS:
-        if effect.acts_on is ActsOn.SENSOR or effect.name == "ramp_inflow_error":
+        if effect.is_sensor_s or effect.is_calibrated:
             continue
-        is_local = effect.has_place or effect.has_time
-        for window in windows.get(effect.name, ()) if is_local else (None,):
+        is_everywhere = effect.searched_at is SearchedAt.EVERYWHERE
+        for window in (None,) if is_everywhere else windows.get(effect.name, ()):
             for strength in effect_strengths(effect, window):
                 setting = window.effect_setting(strength) if window else EffectSetting(strength)
                 name = f"{effect.name} {strength:g} {window}"
@@ -100,10 +96,10 @@ def effect_trials(values: np.ndarray, num_runs: int, windows: Mapping[str, Seque
 
 
 def effect_strengths(effect: Effect, window: Window | None) -> tuple[float, ...]:
-    """Return the strengths at which an effect is tried."""
-    if effect.name == "blockage" and window is not None and window.from_s is not None and window.to_s is not None:
-        return (window.to_s - window.from_s,)  # it stands as long as the window
-    sign = window.sign if window is not None and effect.is_signed else 1.0
+    """Strengths at which an effect is tried."""
+    if effect.lasts_as_strength and window is not None and window.from_s is not None and window.to_s is not None:
+        return (window.to_s - window.from_s,)
+    sign = effect.slows * window.sign if window is not None and effect.is_signed else 1.0
     return (sign * effect.medium, sign * effect.strong)
 
 
@@ -134,7 +130,8 @@ def altered_signatures(
     surrogate; each rhythm is a signature of its own, for it does not lie between two others.
     """
     found: dict[str, list[Signature]] = {}
-    for name in ALTERATIONS:
+    names = dict.fromkeys(name for name, _ in runs.altered)
+    for name in (name for name in names if effect_named(name).is_sensor_s):
         strengths = sorted(strength for effect, strength in runs.altered if effect == name)
         for sign in (1.0, -1.0):
             chosen = [strength for strength in strengths if sign * strength > 0]
@@ -143,8 +140,8 @@ def altered_signatures(
                 rows = [_altered(runs, name, strength, null) for strength in chosen]
                 signature = _signature(name, {}, chosen, rows, null, altered_exactness(name, null.cells))
                 found.setdefault(name, []).append(signature)
-    is_identity = np.asarray([cell.channel == "identity" for cell in null.cells])
-    for name in RHYTHMS:
+    is_identity = np.asarray([cell.channel == Channel.IDENTITY for cell in null.cells])
+    for name in (name for name in names if not effect_named(name).is_sensor_s):
         strengths = sorted(strength for effect, strength in runs.altered if effect == name)
         for strength in strengths:
             shift, error = _altered(runs, name, strength, null)
@@ -162,9 +159,9 @@ def altered_signatures(
 
 
 def altered_exactness(name: str, cells: Sequence[Cell]) -> np.ndarray:
-    """Return the exactness of a sensor effect's signature in each feature."""
-    reading = READINGS.get(name)
-    is_reading = [reading is not None and bool(re.match(reading, cell.measure)) for cell in cells]
+    """Exactness of a sensor effect's signature in each feature."""
+    reading = effect_named(name).reading
+    is_reading = [reading is not None and cell.reads == reading for cell in cells]
     return np.where(is_reading, READING_EXACTNESS, ALTERED_EXACTNESS)
 
 
@@ -186,7 +183,7 @@ def _signature(
     error = np.stack([zero, *(np.where(np.isfinite(row[1]), row[1], 0.0) / null.deviation for row in rows)])
     sign = float(np.sign(strengths[0]))
     sizes = np.abs([0.0, *strengths])
-    return Signature(name, setting, sizes, shift, error, exactness, sign, is_fixed=name == "blockage")
+    return Signature(name, setting, sizes, shift, error, exactness, sign, is_fixed=effect_named(name).lasts_as_strength)
 
 
 def _tuple(values: np.ndarray) -> tuple[float, ...]:

@@ -14,22 +14,22 @@ import numpy as np
 from jaxcalib.calibration.stages.evaluator import AllRunsFailedError
 from jaxcalib.diagnosis.features.conventions import conventions_of, expected_drivers
 from jaxcalib.diagnosis.features.drive_features import DriveFeatures
-from jaxcalib.diagnosis.features.drive_table import DriveTable
 from jaxcalib.diagnosis.features.features import DriveTallies, gather_tallies, joined_tallies
 from jaxcalib.diagnosis.features.noise import NullModel
 from jaxcalib.diagnosis.inference.atlas import parameter_trials
 from jaxcalib.diagnosis.inference.investigation import NotTestableError, Prepared, prepare
 from jaxcalib.diagnosis.inference.ledger import parameter_shift
 from jaxcalib.diagnosis.runs.explained_runs import LEAST_VALUE_SHARE
+from jaxcalib.diagnosis.runs.finished_parts import FinishedParts
 from jaxcalib.diagnosis.runs.null_runs import NullRuns
 from jaxcalib.diagnosis.runs.parameter_steps import parameter_steps
 from jaxcalib.diagnosis.runs.plan import DiagnosisBudget
-from jaxcalib.diagnosis.runs.stages import Stages
 from jaxcalib.diagnosis.runs.sumo_runs import SumoRuns
 from jaxcalib.diagnosis.runs.trial_engine import trial_runner
 from jaxcalib.diagnosis.runs.trials import Trial, TrialRunner, has_pairs, paired_difference
 from jaxcalib.problem.problem import CalibrationProblem
 from jaxcalib.runs.progress import Progress
+from surrogate.road.drive_table import DriveTable
 
 MOST_ROUNDS = 3
 FAR_STEPS = 3.0  # beyond them a linear shift of parameters is no longer to be trusted
@@ -47,7 +47,7 @@ class Baseline:
         in_sumo: makes SUMO's runs.
         runs: SUMO's runs without effect.
         runner: makes the surrogate's trials.
-        found: tallies of the parameters' trials by name.
+        trials: tallies of the parameters' trials by name.
         field: tallies of all drives.
         fitted: null model and drives to fit.
     """
@@ -57,7 +57,7 @@ class Baseline:
     in_sumo: SumoRuns
     runs: NullRuns
     runner: TrialRunner
-    found: dict[str, DriveTallies]
+    trials: Mapping[str, DriveTallies]
     field: DriveTallies
     fitted: Prepared
 
@@ -94,7 +94,7 @@ class BaselineMaker:
     Attributes:
         problem: the problem.
         plan: numbers of runs.
-        stages: keeps finished parts.
+        parts: keeps finished parts.
         first_seed: of SUMO's runs.
         trial_seed: of the surrogate's.
         tables: the drives.
@@ -104,7 +104,7 @@ class BaselineMaker:
 
     problem: CalibrationProblem
     plan: DiagnosisBudget
-    stages: Stages
+    parts: FinishedParts
     first_seed: int
     trial_seed: int
     tables: Sequence[DriveTable]
@@ -183,7 +183,7 @@ class BaselineMaker:
         """Return the surrogate's runs at some values, counted as for a baseline; they are made once."""
         trial = Trial("moved", tuple(float(one) for one in values), self.plan.slope_runs)
         part = f"moved {trial.values!r} from {best.values.tolist()!r}"
-        return self.stages.tallies(part, lambda: best.runner.run([trial], self.progress.surrogate_runs))[trial.name]
+        return self.parts.tallies(part, lambda: best.runner.run([trial], self.progress.surrogate_runs))[trial.name]
 
     def whole(self, first: Baseline) -> Baseline:
         """Return a baseline with all its runs.
@@ -192,13 +192,13 @@ class BaselineMaker:
             NotTestableError: the drives show too little.
         """
         self.progress.stage("null")
-        runs, found = first.in_sumo.whole_null(first.runs), first.found
+        runs, trials = first.in_sumo.whole_null(first.runs), first.trials
         begin = self.plan.first_slope_runs
         if begin < self.plan.slope_runs:
             self.progress.stage("atlas")
             further = self._slopes(first.values, first.runner, self.plan.slope_runs - begin, begin)
-            found = {name: joined_tallies(tallies, further[name]) for name, tallies in found.items()}
-        return replace(first, runs=runs, found=found, fitted=self._fitted(first.field, runs, found))
+            trials = {name: joined_tallies(tallies, further[name]) for name, tallies in trials.items()}
+        return replace(first, runs=runs, trials=trials, fitted=self._fitted(first.field, runs, trials))
 
     def at(self, values: np.ndarray, runner: TrialRunner | None) -> Baseline:
         """Return the baseline at some values, with the first of its runs.
@@ -214,28 +214,28 @@ class BaselineMaker:
         background, subject = expected_drivers(problem, values)
         features = DriveFeatures(conventions_of(problem), background, subject)
         progress.stage("null")
-        in_sumo = SumoRuns(problem, features, values, self.plan, self.stages, self.first_seed, progress.sumo_runs)
+        in_sumo = SumoRuns(problem, features, values, self.plan, self.parts, self.first_seed, progress.sumo_runs)
         runs = in_sumo.first_null()
         progress.stage("atlas")
         if runner is None:
             runner = trial_runner(problem, features, self.trial_seed)
         runner = replace(runner, features=features)
-        found = self._slopes(values, runner, self.plan.first_slope_runs, 0)
+        trials = self._slopes(values, runner, self.plan.first_slope_runs, 0)
         departs = [drive.depart_s for drive in problem.case.drives]
         field = gather_tallies([features.of_table(table) for table in self.tables], departs)
-        fitted = self._fitted(field, runs, found)
-        return Baseline(values, features, in_sumo, runs, runner, found, field, fitted)
+        fitted = self._fitted(field, runs, trials)
+        return Baseline(values, features, in_sumo, runs, runner, trials, field, fitted)
 
     def _slopes(
         self, values: np.ndarray, runner: TrialRunner, num_runs: int, first_run: int
     ) -> dict[str, DriveTallies]:
         trials = parameter_trials(self.problem.layout, values, num_runs, first_run)
         part = f"slopes {values.tolist()!r} from run {first_run}"
-        return self.stages.tallies(part, lambda: runner.run(trials, self.progress.surrogate_runs))
+        return self.parts.tallies(part, lambda: runner.run(trials, self.progress.surrogate_runs))
 
-    def _fitted(self, field: DriveTallies, runs: NullRuns, found: Mapping[str, DriveTallies]) -> Prepared:
+    def _fitted(self, field: DriveTallies, runs: NullRuns, trials: Mapping[str, DriveTallies]) -> Prepared:
         is_fit = np.asarray([drive.role == "fit" for drive in self.problem.drives])
-        return prepare(self.problem, field.take(is_fit), runs, found)
+        return prepare(self.problem, field.take(is_fit), runs, trials)
 
 
 def _misfit(difference: np.ndarray, null: NullModel) -> float:

@@ -1,125 +1,157 @@
 """Where and when a local effect may be: the stretches at which the field departs most from the simulation."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
+from jaxtyping import Float
 
 from jaxcalib.diagnosis.features.conventions import Conventions
 from jaxcalib.diagnosis.features.noise import NullModel
 from jaxcalib.diagnosis.features.windows import Window
+from surrogate.effects.base import Effect, SearchedAt
+from surrogate.effects.registry import EFFECTS
 
 WIDTHS = (1, 2, 3, 4)  # in stretches
 BEST = 2
 LEAST_PERIOD_S = 120.0
+BLOCKED_LANES = (0, 2)  # the leftmost and the third from the left, or the last there is
+Feature = Float[np.ndarray, " feature"]
 
 
-def persistent_windows(difference: np.ndarray, null: NullModel, road: Conventions) -> tuple[list[Window], int]:
-    """Return the best places for an effect that is always there, and how many independent ones were looked at.
+def windows_of_effects(
+    difference: Feature, null: NullModel, road: Conventions
+) -> tuple[dict[str, list[Window]], dict[str, int]]:
+    """The windows in which each local effect is tried, and how many independent ones were looked at for it."""
+    stretches, num_stretches = stretch_windows(difference, null, road)
+    slower, num_spells = spell_windows(difference, null, road)
+    windows: dict[str, list[Window]] = {}
+    num_looked_at: dict[str, int] = {}
+    for effect in EFFECTS:
+        if effect.searched_at is SearchedAt.STRETCHES:
+            windows[effect.name] = [window for window in stretches if _suits(effect, window)]
+            num_looked_at[effect.name] = num_stretches
+        if effect.searched_at is SearchedAt.LANE_POINTS:
+            lanes = sorted({int(lane) for lane in road.lane_from_left})
+            windows[effect.name] = lane_points(slower, lanes)
+            num_looked_at[effect.name] = num_spells * len(lanes)
+        if effect.searched_at is SearchedAt.SPELLS:
+            may_be_faster = effect.is_signed or effect.speeds_up
+            faster = spell_windows(difference, null, road, sign=-1.0)[0] if may_be_faster else []
+            spells = [window for window in (*slower, *faster) if _suits(effect, window)]
+            windows[effect.name] = spells if effect.has_place else [_everywhere(window, road) for window in spells]
+            num_looked_at[effect.name] = num_spells * (2 if effect.is_signed else 1)
+    return windows, num_looked_at
 
-    Residuals of car-following by place decide, all regimes together: whatever slows drivers at a place shows there.
+
+def _suits(effect: Effect, window: Window) -> bool:
+    """Whether an effect changes speeds in a window's direction."""
+    return effect.is_signed or window.sign == effect.slows
+
+
+def _everywhere(window: Window, road: Conventions) -> Window:
+    return replace(window, from_m=float(road.stretch_m[0]), to_m=float(road.stretch_m[-1]))
+
+
+def lane_points(windows: Sequence[Window], lanes: Sequence[int]) -> list[Window]:
+    """The middles of windows, in some of the lanes."""
+    middles = [(0.5 * (window.from_m + window.to_m), window) for window in windows]
+    return [
+        Window(middle_m, middle_m, window.from_s, window.to_s, lanes[min(number, len(lanes) - 1)])
+        for middle_m, window in middles
+        for number in BLOCKED_LANES
+    ]
+
+
+def stretch_windows(difference: Feature, null: NullModel, road: Conventions) -> tuple[list[Window], int]:
+    """The best stretches for an effect that is always there, and how many independent ones were looked at.
+
+    Residuals of car-following by stretch decide, all regimes together: whatever slows drivers somewhere shows there.
     """
     borders = road.stretch_m
-    number = len(borders) - 1
+    num_stretches = len(borders) - 1
     member = np.full(len(null.cells), -1)
-    for place, cell in enumerate(null.cells):
-        if cell.channel == "replay" and cell.from_m is not None and cell.measure == "residual_mps2":
-            index = int(np.argmin(np.abs(borders - cell.from_m)))
-            if abs(borders[index] - cell.from_m) < 1.0 and cell.regime in ("slow", "fast"):
-                member[place] = index
+    for feature, cell in enumerate(null.cells):
+        if cell.locates == SearchedAt.STRETCHES and cell.from_m is not None:
+            member[feature] = int(np.argmin(np.abs(borders - cell.from_m)))
     weight = 1.0 / np.where(np.diag(null.covariance) > 0, np.diag(null.covariance), 1.0)
-    found = []
+    scored = []
     for width in WIDTHS:
-        for begin in range(number - width + 1):
+        for begin in range(num_stretches - width + 1):
             inside = (member >= begin) & (member < begin + width)
             if inside.any():
-                found.append((_score(difference, null, inside * weight), begin, begin + width))
-    return _best(found, lambda begin, end, sign: Window(float(borders[begin]), float(borders[end]), sign=sign)), number
+                score = _score(difference, null, inside * weight)
+                window = Window(float(borders[begin]), float(borders[begin + width]), sign=_sign_of(score))
+                scored.append((abs(score), window))
+    return _best_apart(scored), num_stretches
 
 
-def passing_windows(difference: np.ndarray, null: NullModel, road: Conventions) -> tuple[list[Window], int]:
-    """Return the best places and times for an effect that comes and goes; speeds by place and time decide."""
+def spell_windows(
+    difference: Feature, null: NullModel, road: Conventions, sign: float = 1.0
+) -> tuple[list[Window], int]:
+    """The best stretches and times for an effect that comes and goes; speeds by stretch and time decide.
+
+    Args:
+        difference: features of the drives less the simulation's, in units of noise.
+        null: the null model.
+        road: stretches and periods.
+        sign: 1 for where vehicles lose speed, -1 for where they gain.
+    """
     by_time = [
-        (index, cell.from_m, cell.to_m, cell.from_s)
-        for index, cell in enumerate(null.cells)
-        if cell.regime == "by time" and cell.from_m is not None and cell.to_m is not None and cell.from_s is not None
+        (feature, cell.from_m, cell.to_m, cell.from_s)
+        for feature, cell in enumerate(null.cells)
+        if cell.locates == SearchedAt.SPELLS
+        and cell.from_m is not None
+        and cell.to_m is not None
+        and cell.from_s is not None
     ]
     if not by_time:
         return [], 1
-    starts_m, starts_s = sorted({one[1] for one in by_time}), sorted({one[3] for one in by_time})
-    places, times = np.full((2, len(null.cells)), -1)
+    starts_m, starts_s = sorted({spell[1] for spell in by_time}), sorted({spell[3] for spell in by_time})
+    stretches, times = np.full((2, len(null.cells)), -1)
     end_m: dict[int, float] = {}
-    for index, from_m, to_m, from_s in by_time:
-        places[index], times[index] = starts_m.index(from_m), starts_s.index(from_s)
-        end_m[int(places[index])] = to_m
+    for feature, from_m, to_m, from_s in by_time:
+        stretches[feature], times[feature] = starts_m.index(from_m), starts_s.index(from_s)
+        end_m[int(stretches[feature])] = to_m
     period_s = float(np.diff(road.period_s[:2])[0])
     span = max(1, round(LEAST_PERIOD_S / period_s))
-    found = []
-    for place in range(len(starts_m)):
+    scored = []
+    for stretch, from_m in enumerate(starts_m):
         for length in (span, 2 * span):
             for time in range(len(starts_s) - length + 1):
-                inside = (places == place) & (times >= time) & (times < time + length)
-                if inside.sum():
-                    found.append(
-                        (_score(difference, null, inside.astype(float)), (place, time), (place, time + length))
-                    )
-    windows = []
-    for score, (place, time), (_, end) in sorted(found, key=lambda one: one[0]):
-        until_s = starts_s[time] + (end - time) * period_s
-        window = Window(float(starts_m[place]), end_m[place], float(starts_s[time]), float(until_s))
-        if score < 0.0 and not any(_overlap(window, other) for other in windows):
-            windows.append(window)
-        if len(windows) == BEST:
-            break
-    return windows, max(1, len(starts_m) * len(starts_s) // 2)
+                inside = (stretches == stretch) & (times >= time) & (times < time + length)
+                score = -sign * _score(difference, null, inside.astype(float)) if inside.any() else 0.0
+                until_s = float(starts_s[time] + length * period_s)
+                if score > 0.0:
+                    window = Window(float(from_m), end_m[stretch], float(starts_s[time]), until_s, sign=sign)
+                    scored.append((score, window))
+    return _best_apart(scored), max(1, len(starts_m) * len(starts_s) // 2)
 
 
-def _score(difference: np.ndarray, null: NullModel, weight: np.ndarray) -> float:
-    """Return a weighted sum of differences in units of its own deviation."""
+def _score(difference: Feature, null: NullModel, weight: Feature) -> float:
+    """A weighted sum of differences in units of its own deviation."""
     total = float(weight @ difference)
     variance = float(weight @ null.covariance @ weight)
     return total / np.sqrt(variance) if variance > 0 else 0.0
 
 
-def _overlap(one: Window, other: Window) -> bool:
-    is_place = one.from_m < other.to_m and other.from_m < one.to_m
-    if one.from_s is None or one.to_s is None or other.from_s is None or other.to_s is None:
-        return is_place
-    return is_place and one.from_s < other.to_s and other.from_s < one.to_s
+def _sign_of(score: float) -> float:
+    return -float(np.sign(score)) or 1.0
 
 
-def _best(found: Sequence[tuple[float, int, int]], window_of) -> list[Window]:
-    windows: list[Window] = []
-    for score, begin, end in sorted(found, key=lambda one: -abs(one[0])):
-        window = window_of(begin, end, -float(np.sign(score)) or 1.0)
-        if not any(_overlap(window, other) for other in windows):
-            windows.append(window)
-        if len(windows) == BEST:
+def _overlap(window: Window, other: Window) -> bool:
+    meets = window.from_m < other.to_m and other.from_m < window.to_m
+    if window.from_s is None or window.to_s is None or other.from_s is None or other.to_s is None:
+        return meets
+    return meets and window.from_s < other.to_s and other.from_s < window.to_s
+
+
+def _best_apart(scored: Sequence[tuple[float, Window]]) -> list[Window]:
+    """The windows of the highest scores that do not overlap."""
+    chosen: list[Window] = []
+    for _, window in sorted(scored, key=lambda pair: -pair[0]):
+        if not any(_overlap(window, other) for other in chosen):
+            chosen.append(window)
+        if len(chosen) == BEST:
             break
-    return windows
-
-
-def windows_of_effects(
-    difference: np.ndarray, null: NullModel, road: Conventions
-) -> tuple[dict[str, list[Window]], dict[str, int]]:
-    """Return the windows in which each local effect is tried, and how many were looked at for it."""
-    persistent, num_places = persistent_windows(difference, null, road)
-    passing, num_moments = passing_windows(difference, null, road)
-    lanes = sorted({int(lane) for lane in road.lane_from_left})
-    blocked = [
-        Window((window.from_m + window.to_m) / 2, (window.from_m + window.to_m) / 2, window.from_s, window.to_s, lane)
-        for window in passing
-        for lane in (lanes[0], lanes[min(2, len(lanes) - 1)])
-    ]
-    windows = {
-        "grade": persistent,
-        "local_speed_reduction": [window for window in persistent if window.sign > 0],
-        "rubbernecking": passing,
-        "blockage": blocked,
-    }
-    counts = {
-        "grade": num_places,
-        "local_speed_reduction": num_places,
-        "rubbernecking": num_moments,
-        "blockage": num_moments * len(lanes),
-    }
-    return windows, counts
+    return chosen

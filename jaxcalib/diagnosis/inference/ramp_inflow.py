@@ -8,6 +8,8 @@ import numpy as np
 from scipy.stats import norm
 
 from jaxcalib.diagnosis.inference.evidence import Explained
+from jaxcalib.statistics.normal import HALF_WIDTH_90
+from surrogate.effects.ramp_inflow_error import RAMP_INFLOW_ERROR
 
 ORDINARY_DEVIATION = 0.12  # between days, of the ratio of true to given inflow
 ERROR_RANGE = (0.15, 0.7)  # of its error, either sign, if the given inflow is wrong
@@ -36,9 +38,9 @@ def explain_ramps(none_evidence: float, ratios: dict[int, tuple[float, float]], 
         return None
     gain, number, strength, spread = max(found)
     return Explained(
-        "ramp_inflow_error",
+        RAMP_INFLOW_ERROR.name,
         none_evidence + gain - float(np.log(len(found))),
         strength=strength,
-        interval=(strength - 1.645 * spread, strength + 1.645 * spread),
+        interval=(strength - HALF_WIDTH_90 * spread, strength + HALF_WIDTH_90 * spread),
         setting={"input": float(number)},
     )

@@ -31,6 +31,7 @@ from jaxcalib.diagnosis.inference.evidence import (
 from jaxcalib.diagnosis.inference.investigation import Prepared, transfer
 from jaxcalib.diagnosis.inference.sumo_check import CHECKED_EXACTNESS
 from jaxcalib.diagnosis.runs.explained_runs import ExplainedRuns
+from jaxcalib.statistics.normal import HALF_WIDTH_90
 from surrogate.effects.registry import effect_named
 
 MOST_SURROGATE_POINTS = 8
@@ -38,7 +39,6 @@ MOST_SUMO_POINTS, OTHERS_SUMO_POINTS = 4, 2  # of the best explanation, and of t
 PRIOR_SHARE = 0.7  # of the contest's strength: how far it may be off
 LEAST_SHARE = 0.3  # of the contest's strength
 TANGENT_SHARE = 0.25  # of the strength: over which the change with strength is measured
-QUANTILE_90 = 1.645
 
 
 @dataclass(frozen=True)
@@ -232,7 +232,7 @@ def refit(
     error = float(unit[-1] * np.sqrt(np.linalg.inv(sharpness)[-1, -1]))
     if in_sumo is not None and strength_in_surrogate is not None:
         error = float(np.hypot(error, (strength - strength_in_surrogate) / np.sqrt(2.0)))
-    deviation = QUANTILE_90 * error
+    deviation = HALF_WIDTH_90 * error
     interval = (max(strength - deviation, 0.0), max(min(strength + deviation, most), strength))
     if signature.is_fixed:  # known at some strengths only: halfway to the next one on either side, at least
         tried = np.unique([one.strengths[-1] for one in signatures])

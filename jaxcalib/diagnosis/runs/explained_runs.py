@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jaxcalib.diagnosis.features.altered_drives import ALTERATIONS
 from jaxcalib.diagnosis.features.features import DriveTallies
 from jaxcalib.diagnosis.features.noise import NullModel, on_cells
 from jaxcalib.diagnosis.features.signature import Signature
@@ -16,6 +15,7 @@ from jaxcalib.diagnosis.runs.trials import BASELINE, Trial, has_pairs, paired_di
 from jaxcalib.problem.problem import CalibrationProblem
 from sim_adapters.scenario.sumo_effects import is_expressible
 from surrogate.effects.base import EffectSetting
+from surrogate.effects.registry import effect_named
 
 LEAST_VALUE_SHARE = 0.3  # of a calibrated value
 SLOPE_SHARE = 0.5  # of the runs of a point: slopes only say where to go on
@@ -88,7 +88,7 @@ class ExplainedRunner:
             steps: shift of the parameters from the calibrated values, in steps.
             strength: size of the effect's strength.
         """
-        if signature.effect in ALTERATIONS:
+        if effect_named(signature.effect).is_sensor_s:
             return None
         trial = self._trial(signature, moved_values(self.values, self._step_sizes, steps), strength)
         found = self.run_trials([trial])
@@ -103,7 +103,8 @@ class ExplainedRunner:
             steps: shift of the parameters from the calibrated values, in steps.
             strength: size of the effect's strength.
         """
-        if signature.effect not in ALTERATIONS and not is_expressible(self.problem.scenario, signature.effect):
+        is_sensor_s = effect_named(signature.effect).is_sensor_s
+        if not is_sensor_s and not is_expressible(self.problem.scenario, signature.effect):
             return None
         values = moved_values(self.values, self._step_sizes, steps)
         tallies = self.sumo.explained(signature.effect, signature.sign * strength, values)
@@ -116,7 +117,7 @@ class ExplainedRunner:
             signature: of the effect.
             strength: size of the effect's strength.
         """
-        if signature.effect in ALTERATIONS:
+        if effect_named(signature.effect).is_sensor_s:
             return None
         values = self.recalibrate({signature.effect: _setting(signature, strength)})
         return None if values is None else (values - self.values) / self._step_sizes
@@ -133,7 +134,7 @@ class ExplainedRunner:
             known: the same slopes as known so far, [feature, parameter and strength], in units of noise; for what the
                 surrogate does not show.
         """
-        if signature.effect in ALTERATIONS:
+        if effect_named(signature.effect).is_sensor_s:
             return known
         values = moved_values(self.values, self._step_sizes, steps)
         here = self._trial(signature, values, strength)

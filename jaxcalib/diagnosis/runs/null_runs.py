@@ -7,21 +7,20 @@ from dataclasses import dataclass
 import numpy as np
 
 from jaxcalib.calibration.stages.evaluator import AllRunsFailedError
-from jaxcalib.diagnosis.features.altered_drives import ALTERATIONS, RHYTHMS
-from jaxcalib.diagnosis.features.drive_features import COARSE_S, DriveFeatures
-from jaxcalib.diagnosis.features.drive_table import DriveTable, as_logged, drive_table
+from jaxcalib.diagnosis.features.drive_features import DriveFeatures
 from jaxcalib.diagnosis.features.features import DriveTallies, TallyBook, gather_tallies
 from jaxcalib.diagnosis.features.identities import count_identities
-from jaxcalib.problem.problem import CalibrationProblem
+from jaxcalib.problem.problem import FRAME_INTERVAL_S, CalibrationProblem
 from sim_adapters.interface import RunRequest
 from sim_adapters.shared_runs import departures_apart, departures_s, drives_worth
 from sim_adapters.sumo.simulator import SensorRange, SumoSimulator
-from surrogate.effects.base import EffectSetting
+from surrogate.effects.base import Effect, EffectSetting
+from surrogate.effects.recorded_drives import alter_drive
+from surrogate.effects.registry import EFFECTS, effect_named
+from surrogate.road.drive_table import DriveTable, as_logged, drive_table
 from surrogate.road.perception import PerceptionFrame
 
 MOST_FAILED_SHARE = 0.5
-RHYTHM_S = (0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.2, 1.5)
-LANE_CHANGE_S = (1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0)
 
 
 @dataclass(frozen=True)
@@ -66,26 +65,31 @@ def fine_interval_s(problem: CalibrationProblem) -> float:
     sampled_s = max(float(np.median(np.diff(drive.subject.time_s))) for drive in problem.drives)
     steps = max(1, round(sampled_s / step_s))
     interval_s = steps * step_s
-    whole = abs(COARSE_S / interval_s - round(COARSE_S / interval_s)) < 1e-6
-    return interval_s if whole and interval_s < COARSE_S else COARSE_S
+    whole = abs(FRAME_INTERVAL_S / interval_s - round(FRAME_INTERVAL_S / interval_s)) < 1e-6
+    return interval_s if whole and interval_s < FRAME_INTERVAL_S else FRAME_INTERVAL_S
 
 
-def alterations_of(strengths: Mapping[str, Sequence[float]], interval_s: float) -> list[tuple[str, float]]:
-    """Return which effects at which strengths are put into the null runs.
+def alterations_of(interval_s: float) -> list[tuple[str, float]]:
+    """Which effects at which strengths are put into the null runs.
 
     Args:
-        strengths: strengths of each effect.
         interval_s: interval of the logs; slower logs do not show when drivers act.
     """
-    chosen = [(name, strength) for name in ALTERATIONS for strength in strengths[name] if name != "sensor_latency"]
-    # a log can be late by its own steps only
-    late = {max(1, round(strength / interval_s)) * interval_s for strength in strengths["sensor_latency"]}
-    chosen += [("sensor_latency", strength) for strength in sorted(late)]
-    if interval_s < COARSE_S:
-        for name in RHYTHMS:
-            grid = LANE_CHANGE_S if name == "lane_change_duration" else RHYTHM_S
-            chosen += [(name, strength) for strength in grid]
+    chosen: list[tuple[str, float]] = []
+    for effect in EFFECTS:
+        if effect.is_sensor_s:
+            chosen += [(effect.name, strength) for strength in sensor_strengths(effect, interval_s)]
+        elif interval_s < FRAME_INTERVAL_S:
+            chosen += [(effect.name, strength) for strength in effect.rhythms_s]
     return chosen
+
+
+def sensor_strengths(effect: Effect, interval_s: float) -> tuple[float, ...]:
+    """Strengths at which a sensor's effect is put into recorded drives."""
+    strengths = (effect.weak, effect.medium, effect.strong)
+    if effect.is_whole_steps:
+        strengths = tuple(sorted({max(1, round(one / interval_s)) * interval_s for one in strengths}))
+    return (*strengths, *(-one for one in strengths[1:])) if effect.is_signed else strengths
 
 
 def departures_of_runs(problem: CalibrationProblem) -> list[tuple[float, ...]]:
@@ -138,17 +142,18 @@ def run_null(
     number = [0]
 
     def count(table: DriveTable) -> dict[tuple[str, float], TallyBook]:
-        table = as_logged(table, road.place_step_m, road.speed_step_mps)
+        table = as_logged(table, road.log)
         books = {("", 0.0): features.of_table(table)}
         if number[0] < num_altered:
             for name, strength in alterations:
                 random = np.random.default_rng((first_seed, number[0]))
-                if name in ALTERATIONS:
-                    books[name, strength] = features.of_table(ALTERATIONS[name](table, strength, road, random))
+                effect = effect_named(name)
+                altered = alter_drive(table, effect, strength, road.log, random)
+                if effect.is_sensor_s:
+                    books[name, strength] = features.of_table(altered)
                 else:
-                    book = TallyBook()
-                    count_identities(RHYTHMS[name](table, strength, road, random), road, book)
-                    books[name, strength] = book
+                    books[name, strength] = TallyBook()
+                    count_identities(altered, road, books[name, strength])
         number[0] += 1
         return books
 

@@ -2,12 +2,11 @@
 
 import numpy as np
 
+from jaxcalib.problem.parameter_space import slope_share
 from sim_adapters.interface import ParameterLayout
 
 # Steps for slopes, as shares of the value: about what a calibration leaves open.
 INPUT_STEPS = (0.05, 0.2)  # largest inflow, and others
-STEPS = {"tau": 0.06, "minGap": 0.1, "accel": 0.1, "decel": 0.12, "speedFactor": 0.015, "lcSpeedGain": 0.25}
-USUAL_STEP = 0.1
 LEAST_STEP = 0.02
 LEAST_LANE_CHANGE_STEP = 0.1  # SUMO's lane-change weights are about 1; a share of one near 0 would be no step at all
 
@@ -16,6 +15,6 @@ def parameter_steps(layout: ParameterLayout, values: np.ndarray) -> np.ndarray:
     """Return the step of each parameter for its slope."""
     largest = int(np.argmax(values[: layout.num_inputs]))
     shares = [INPUT_STEPS[0] if place == largest else INPUT_STEPS[1] for place in range(layout.num_inputs)]
-    shares += [STEPS.get(name, USUAL_STEP) for name in layout.attributes]
+    shares += map(slope_share, layout.attributes)
     least = [LEAST_LANE_CHANGE_STEP if name.startswith("lc") else LEAST_STEP for name in layout.names]
     return np.maximum(np.abs(values) * np.asarray(shares), least)

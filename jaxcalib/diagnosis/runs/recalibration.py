@@ -18,9 +18,9 @@ from jaxcalib.diagnosis.runs.trial_engine import SPARE_CAPACITY
 from jaxcalib.problem.engines import surrogate_engine
 from jaxcalib.problem.problem import CalibrationProblem
 from jaxcalib.problem.settings import Settings
-from jaxcalib.runs.journal import Journal, JournaledSurrogate
-from jaxcalib.runs.progress import Progress
-from jaxcalib.runs.seeds import SEARCH_SEED, SEEDS_PER_CALIBRATION
+from jaxcalib.runs.journal import JournaledSurrogate
+from jaxcalib.runs.seeds import SEARCH_SEED
+from jaxcalib.runs.session import Session
 from sim_adapters.interface import ParameterLayout, RunOutcome, RunRequest, Simulator
 from surrogate.effects.base import EffectSetting
 
@@ -56,32 +56,28 @@ class Recalibrator:
         searched: the search without effects.
         base: values that came of that search, once SUMO had corrected them.
         budget: its numbers of runs.
-        seed: of the diagnosis.
-        journal: of the runs made.
-        progress: told of runs.
+        session: of the diagnosis.
     """
 
     problem: CalibrationProblem
     searched: SearchedValues
     base: np.ndarray
     budget: Budget
-    seed: int
-    journal: Journal
-    progress: Progress
+    session: Session
 
     def values(self, effects: Mapping[str, EffectSetting]) -> np.ndarray | None:
         """Return the calibrated values with effects in; None where runs with them fail."""
         engine = surrogate_engine(self.problem, SPARE_CAPACITY).with_effects()
         evaluator = Evaluator(
-            WithEffects(JournaledSurrogate(engine, self.journal), effects),
+            WithEffects(JournaledSurrogate(engine, self.session.journal), effects),
             self.problem.departs_s("fit"),
-            self.seed * SEEDS_PER_CALIBRATION + SEARCH_SEED,
-            self.progress.surrogate_runs,
+            self.session.first_seed + SEARCH_SEED,
+            self.session.progress.surrogate_runs,
         )
         initial = self.searched.initial
         try:
             found = search_two_stages(
-                self.problem, initial, evaluator, Settings(), self.budget, self.seed, self.progress, self.journal.clock
+                self.problem, initial, evaluator, Settings(), self.budget, self.session.timed_apart()
             )
         except AllRunsFailedError:
             return None

@@ -6,17 +6,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from jaxcalib.calibration.stages.evaluator import AllRunsFailedError
-from jaxcalib.diagnosis.features.altered_drives import ALTERATIONS
 from jaxcalib.diagnosis.features.drive_features import DriveFeatures
 from jaxcalib.diagnosis.features.features import DriveTallies, joined_tallies
+from jaxcalib.diagnosis.runs.finished_parts import FinishedParts
 from jaxcalib.diagnosis.runs.null_runs import NullRuns, alterations_of, fine_interval_s, num_runs_for, run_null
 from jaxcalib.diagnosis.runs.plan import DiagnosisBudget
-from jaxcalib.diagnosis.runs.stages import Stages
 from jaxcalib.problem.problem import CalibrationProblem
-from surrogate.effects.base import Effect, EffectSetting
-from surrogate.effects.registry import EFFECTS
-
-NULL_SEED, DEFAULT_SEED, CHECK_SEED, EXPLAINED_SEED = 600_000, 700_000, 900_000, 950_000
+from jaxcalib.runs.seeds import CHECK_SEED, DEFAULT_SEED, EXPLAINED_SEED, NULL_SEED
+from surrogate.effects.base import EffectSetting
+from surrogate.effects.registry import effect_named
 
 
 @dataclass(frozen=True)
@@ -28,7 +26,7 @@ class SumoRuns:
         features: what is counted.
         values: calibrated values.
         plan: numbers of runs.
-        stages: keeps finished parts.
+        parts: keeps finished parts.
         first_seed: of the diagnosis; each part has seeds of its own behind it.
         on_runs: told of runs done.
     """
@@ -37,14 +35,13 @@ class SumoRuns:
     features: DriveFeatures
     values: np.ndarray
     plan: DiagnosisBudget
-    stages: Stages
+    parts: FinishedParts
     first_seed: int
     on_runs: Callable[[int], None]
 
     def first_null(self) -> NullRuns:
         """Return the first runs with the calibrated values, and altered versions of some: enough to see where to."""
-        strengths = {effect.name: _strengths(effect) for effect in EFFECTS}
-        alterations = alterations_of(strengths, fine_interval_s(self.problem))
+        alterations = alterations_of(fine_interval_s(self.problem))
 
         def make() -> dict[str, DriveTallies]:
             runs = run_null(
@@ -54,7 +51,7 @@ class SumoRuns:
             altered = {f"{name} {strength!r}": tallies for (name, strength), tallies in runs.altered.items()}
             return {"": runs.plain} | altered
 
-        kept = self.stages.tallies(f"null {self._key}", make)
+        kept = self.parts.tallies(f"null {self._key}", make)
         altered = {(name, strength): kept[f"{name} {strength!r}"] for name, strength in alterations}
         return NullRuns(kept[""], altered)
 
@@ -71,7 +68,7 @@ class SumoRuns:
             )  # fmt: skip
             return {"": runs.plain}
 
-        further = self.stages.tallies(f"further null {self._key}", make)[""]
+        further = self.parts.tallies(f"further null {self._key}", make)[""]
         return NullRuns(joined_tallies(first.plain, further), first.altered)
 
     def default(self) -> DriveTallies | None:
@@ -99,7 +96,7 @@ class SumoRuns:
         A sensor's effect is put into the drives that SUMO makes, any other by SUMO's own means.
         """
         num_runs, seed = self._runs_for(self.plan.refit_drives), self.first_seed + EXPLAINED_SEED
-        problem, is_altered = self.problem, name in ALTERATIONS
+        problem, is_altered = self.problem, effect_named(name).is_sensor_s
 
         def make() -> dict[str, DriveTallies]:
             alterations = [(name, strength)] if is_altered else []
@@ -111,7 +108,7 @@ class SumoRuns:
             return {"": runs.altered[name, strength] if is_altered else runs.plain}
 
         try:
-            return self.stages.tallies(f"explained {name} {strength!r} {values.tolist()!r} {self._key}", make)[""]
+            return self.parts.tallies(f"explained {name} {strength!r} {values.tolist()!r} {self._key}", make)[""]
         except AllRunsFailedError:
             return None
 
@@ -125,7 +122,7 @@ class SumoRuns:
             )  # fmt: skip
             return {"": runs.plain}
 
-        return self.stages.tallies(f"{part} {self._key}", make)[""]
+        return self.parts.tallies(f"{part} {self._key}", make)[""]
 
     def _runs_for(self, num_drives: int) -> int:
         return num_runs_for(self.problem, num_drives)
@@ -133,8 +130,3 @@ class SumoRuns:
     @property
     def _key(self) -> str:
         return repr(self.values.tolist())
-
-
-def _strengths(effect: Effect) -> tuple[float, ...]:
-    several = (effect.weak, effect.medium, effect.strong)
-    return (*several, -effect.medium, -effect.strong) if effect.is_signed else several

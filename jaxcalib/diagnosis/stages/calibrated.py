@@ -1,0 +1,50 @@
+"""The first stage: parameter values that the drives to fit ask for, by the calibration's own search."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from jaxcalib.calibration.value_search import SearchedValues, search_values
+from jaxcalib.diagnosis.stages.session import DiagnosisSession
+from jaxcalib.field.seen_range import seen_perception
+from jaxcalib.problem.engines import sumo_engine, surrogate_engine
+from jaxcalib.problem.problem import CalibrationProblem, drives_to_fit, read_problem
+from jaxcalib.problem.settings import Settings
+from jaxcalib.runs.journal import JournaledSumo
+
+Values = Float[np.ndarray, " parameter"]
+
+
+@dataclass(frozen=True)
+class Calibrated:
+    """What the recalibration found.
+
+    Attributes:
+        problem: the problem, with the sensors' range that the drives show.
+        searched: the search.
+    """
+
+    problem: CalibrationProblem
+    searched: SearchedValues
+
+    @property
+    def bounds(self) -> tuple[Values, Values]:
+        """Least and largest value of each parameter; inflows may lie beyond those that the search looked at."""
+        space = self.searched.initial.space
+        is_inflow = np.arange(len(space.lower)) < space.layout.num_inputs
+        return np.where(is_inflow, 0.0, space.lower), np.where(is_inflow, np.inf, space.upper)
+
+
+def recalibrate(session: DiagnosisSession) -> Calibrated:
+    """Search parameter values without any effect.
+
+    What a short range hides must not bend the values: it is an effect of its own, to be found with the stated range.
+    """
+    problem = session.problem
+    if seen_perception(drives_to_fit(problem.drives), problem.case.perception) != problem.case.perception:
+        problem = read_problem(problem.case.folder)
+    with sumo_engine(problem) as pool:
+        sumo, engine = JournaledSumo(pool, session.journal), surrogate_engine(problem)
+        searched = search_values(problem, Settings(), session.calibration, engine, sumo, session.work)
+    return Calibrated(problem, searched)

@@ -1,0 +1,80 @@
+"""The fifth stage: a first verdict, and what it is judged by beside the explanations."""
+
+import contextlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from jaxcalib.diagnosis.answer.remarks import FEW_DRIVES, aliased_effects
+from jaxcalib.diagnosis.inference.baseline import Baseline
+from jaxcalib.diagnosis.inference.contest import Contest, best_gain
+from jaxcalib.diagnosis.inference.evidence import Explained
+from jaxcalib.diagnosis.inference.investigation import NotTestableError, Prepared, prepare, shift_in_errors
+from jaxcalib.diagnosis.inference.sumo_check import Checked
+from jaxcalib.diagnosis.inference.verdict import LEAST_EVIDENCE, Verdict, judge
+from jaxcalib.diagnosis.stages.session import DiagnosisSession
+
+
+@dataclass(frozen=True)
+class Grounds:
+    """What a verdict rests on beside the explanations.
+
+    Attributes:
+        least_gain: gain of the best explanation over the baseline that no single drive makes.
+        num_features: behind the misfits.
+        shift_errors: by how many of its errors the calibration moved the parameters away from the scenario's.
+        few_drives: whether there are too few drives to name one effect.
+        aliased: effects that these drives cannot tell apart.
+    """
+
+    least_gain: float
+    num_features: int
+    shift_errors: float
+    few_drives: bool
+    aliased: tuple[str, ...]
+
+    def verdict_on(self, explained: Sequence[Explained]) -> Verdict:
+        """The verdict on explanations."""
+        return judge(explained, self.least_gain, self.num_features, self.shift_errors, self.few_drives, self.aliased)
+
+
+@dataclass(frozen=True)
+class Judged:
+    """A verdict on the drives to fit.
+
+    Attributes:
+        grounds: what it rests on beside the explanations.
+        verdict: the verdict.
+        held_out: null model and features of held-out drives; None where there are none, or they show too little.
+    """
+
+    grounds: Grounds
+    verdict: Verdict
+    held_out: Prepared | None
+
+
+def judge_drives(session: DiagnosisSession, baseline: Baseline, contest: Contest, checked: Checked) -> Judged:
+    """Judge the drives to fit.
+
+    Args:
+        session: the session.
+        baseline: the calibrated simulation.
+        contest: judges explanations.
+        checked: the explanations.
+    """
+    problem, is_fit, fitted = session.problem, session.is_fit, baseline.fitted
+    with session.stopwatch.time("evidence"):
+        gain = best_gain(checked.explained)
+        if gain > LEAST_EVIDENCE and is_fit.sum() > 1:
+            gain = min(gain, contest.least_gain(checked.signatures))
+        held_out = None
+        if not is_fit.all():
+            with contextlib.suppress(NotTestableError):
+                held_out = prepare(problem, baseline.field.take(~is_fit), baseline.runs, baseline.trials)
+        grounds = Grounds(
+            least_gain=gain,
+            num_features=len(fitted.null.cells),
+            shift_errors=shift_in_errors(problem, baseline.values, fitted),
+            few_drives=int(is_fit.sum()) < FEW_DRIVES,
+            aliased=aliased_effects(problem),
+        )
+        return Judged(grounds, grounds.verdict_on(checked.explained), held_out)

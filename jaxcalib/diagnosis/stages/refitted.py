@@ -1,0 +1,101 @@
+"""The sixth stage: the best explanations fitted again around runs that contain them, and the last verdict."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from jaxcalib.diagnosis.inference.baseline import Baseline
+from jaxcalib.diagnosis.inference.contest import without_needless_unknown
+from jaxcalib.diagnosis.inference.evidence import Explained, most_misfit
+from jaxcalib.diagnosis.inference.refit import MOST_SUMO_POINTS, OTHERS_SUMO_POINTS, Refit, refit
+from jaxcalib.diagnosis.inference.refitted_contest import contenders, with_refits
+from jaxcalib.diagnosis.inference.sumo_check import Checked
+from jaxcalib.diagnosis.inference.verdict import Verdict
+from jaxcalib.diagnosis.runs.explained_runs import ExplainedRunner
+from jaxcalib.diagnosis.runs.recalibration import Recalibrator
+from jaxcalib.diagnosis.runs.trial_book import TrialBook
+from jaxcalib.diagnosis.stages.calibrated import Calibrated
+from jaxcalib.diagnosis.stages.judged import Judged
+from jaxcalib.diagnosis.stages.session import DiagnosisSession
+
+
+@dataclass(frozen=True)
+class Refitted:
+    """The explanations after the best were fitted again.
+
+    Attributes:
+        explained: explanations, best first.
+        verdict: the answer.
+        refits: by effect.
+    """
+
+    explained: Sequence[Explained]
+    verdict: Verdict
+    refits: Mapping[str, Refit]
+
+    @property
+    def named(self) -> Refit | None:
+        """The refit of the effect that is named first; None where there is none."""
+        return self.refits.get(self.verdict.effects[0]) if self.verdict.effects else None
+
+
+def refit_best(
+    session: DiagnosisSession,
+    calibrated: Calibrated,
+    baseline: Baseline,
+    book: TrialBook,
+    checked: Checked,
+    judged: Judged,
+) -> Refitted:
+    """Fit the best explanations again, where the verdict says that there is something to explain.
+
+    Args:
+        session: the session.
+        calibrated: the search without effects.
+        baseline: the calibrated simulation.
+        book: makes trials.
+        checked: the explanations.
+        judged: the first verdict.
+    """
+    if judged.verdict.kind in ("no_gap", "miscalibrated"):
+        return Refitted(checked.explained, judged.verdict, {})
+    session.progress.stage("refit")
+    with session.stopwatch.time("refit"):
+        refits = _refits(baseline, checked, _runner(session, calibrated, baseline, book))
+        num_features = judged.grounds.num_features
+        explained = without_needless_unknown(with_refits(checked.explained, refits), num_features)
+        return Refitted(explained, judged.grounds.verdict_on(explained), refits)
+
+
+def _runner(session: DiagnosisSession, calibrated: Calibrated, baseline: Baseline, book: TrialBook) -> ExplainedRunner:
+    recalibrator = Recalibrator(
+        problem=calibrated.problem,
+        searched=calibrated.searched,
+        base=calibrated.searched.values,
+        budget=session.calibration,
+        session=session.work,
+    )
+    return ExplainedRunner(
+        problem=session.problem,
+        values=baseline.values,
+        sumo=baseline.in_sumo,
+        null=baseline.fitted.null,
+        recalibrate=recalibrator.values,
+        run_trials=lambda trials: book.run("explained", trials),
+        num_runs=session.plan.effect_runs,
+    )
+
+
+def _refits(baseline: Baseline, checked: Checked, runner: ExplainedRunner) -> dict[str, Refit]:
+    fitted = baseline.fitted
+    refits: dict[str, Refit] = {}
+    fitting_steps = None  # those of the first that fits: the others need no search of their own
+    for rank, contender in enumerate(contenders(checked.explained, checked.signatures)):
+        most_points = OTHERS_SUMO_POINTS if rank else MOST_SUMO_POINTS
+        signatures = checked.signatures[contender.name]
+        refitted = refit(fitted, contender, signatures, runner, most_points, fitting_steps)
+        if refitted is None:
+            continue
+        refits[contender.name] = refitted
+        if fitting_steps is None and refitted.misfit <= most_misfit(len(fitted.null.cells)):
+            fitting_steps = refitted.steps
+    return refits

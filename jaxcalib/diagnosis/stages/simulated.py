@@ -1,0 +1,62 @@
+"""The second stage: the calibrated simulation, to which the drives are compared, and the scenario as it is."""
+
+from dataclasses import dataclass
+
+from jaxcalib.diagnosis.features.features import DriveTallies
+from jaxcalib.diagnosis.inference.baseline import Baseline, BaselineMaker, Converged
+from jaxcalib.diagnosis.runs.null_runs import fine_interval_s
+from jaxcalib.diagnosis.runs.trial_book import TrialBook
+from jaxcalib.diagnosis.stages.calibrated import Calibrated
+from jaxcalib.diagnosis.stages.session import DiagnosisSession
+from surrogate.road.drive_table import drive_table
+
+TRIAL_SEED = 800_000
+
+
+@dataclass(frozen=True)
+class Simulated:
+    """The calibrated simulation.
+
+    Attributes:
+        converged: where baselines led.
+        default: tallies of SUMO runs of the scenario as it is; None where they failed.
+    """
+
+    converged: Converged
+    default: DriveTallies | None
+
+    @property
+    def baseline(self) -> Baseline:
+        """The calibrated simulation, and the drives against it."""
+        return self.converged.baseline
+
+    def trial_book(self, session: DiagnosisSession) -> TrialBook:
+        """A book of trials that holds those of the parameters."""
+        baseline = self.baseline
+        key = repr(baseline.values.tolist())
+        return TrialBook(baseline.runner, session.parts, key, baseline.trials, session.progress.surrogate_runs)
+
+
+def simulate_null(session: DiagnosisSession, calibrated: Calibrated) -> Simulated:
+    """Run the calibrated simulation, and move its values until no feature asks for others.
+
+    Raises:
+        NotTestableError: the drives show too little.
+    """
+    problem = session.problem
+    interval_s = fine_interval_s(problem)
+    with session.stopwatch.time("baseline"):
+        maker = BaselineMaker(
+            problem=problem,
+            plan=session.plan,
+            parts=session.parts,
+            first_seed=session.first_seed,
+            trial_seed=session.first_seed + TRIAL_SEED,
+            tables=[drive_table(drive.frames(interval_s), interval_s) for drive in problem.drives],
+            progress=session.progress,
+            bounds=calibrated.bounds,
+        )
+        converged = maker.converged(calibrated.searched.values)
+    with session.stopwatch.time("null"):
+        default = converged.baseline.in_sumo.default()
+    return Simulated(converged, default)

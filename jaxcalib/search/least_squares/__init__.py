@@ -1,0 +1,1 @@
+"""Least squares: response surfaces and steps on them, and Levenberg-Marquardt for many problems side by side."""

@@ -1,0 +1,1 @@
+"""Optimisers behind the one interface, a file each; `registry` lists them."""

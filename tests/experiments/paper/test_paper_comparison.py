@@ -1,0 +1,129 @@
+"""Tables and figures from hand-made trials."""
+
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pandas as pd
+import pytest
+
+from experiments.paper.comparison import PAPER_FIGURES, comparison_table, summary_table
+from experiments.paper.figures import all_figures
+from experiments.paper.report import write_report
+from experiments.paper.study import STUDY_FILE, read_study
+from experiments.paper.trial import TRIAL_FILE, Trial, read_trial, table_of, trial_json
+from jaxcalib.calibration.objective.accuracy import MOES, VEHICLE_LEVEL
+from jaxcalib.errors import CaseError
+
+LEVEL = {"no_calibration": 0.4, "state_of_the_art": 0.3, "printed": 0.2, "improved": 0.1}
+CRITICAL = {1: ["tau", "accel"], 2: ["tau", "minGap"], 3: ["decel", "minGap"]}
+
+
+def trial(method: str, pattern: int, repetition: int = 0) -> Trial:
+    errors: dict[str, float | None] = {name: LEVEL[method] + 0.01 * repetition for name in MOES}
+    errors["cut_ins"] = None
+    has_stages = method in ("printed", "improved")
+    return Trial(
+        method=method,
+        pattern=pattern,
+        repetition=repetition,
+        seed=pattern,
+        role="held_out",
+        errors=errors,
+        floor=dict.fromkeys(MOES, 0.05),
+        vehicle_level=sum(errors[name] or 0.0 for name in VEHICLE_LEVEL),
+        surrogate_runs=0 if method == "no_calibration" else 1000,
+        sumo_runs=8 if has_stages else 0,
+        calibration_s={"improved": 100.0 * pattern, "state_of_the_art": 400.0}.get(method, 0.0),
+        parameters={"main": 4000.0},
+        critical=CRITICAL[pattern] if has_stages else [],
+        num_drivers=4,
+        stage2_undid_stage1=pattern == 1 if has_stages else None,
+    )
+
+
+@pytest.fixture
+def trials() -> list[Trial]:
+    return [trial(method, pattern) for pattern in CRITICAL for method in LEVEL]
+
+
+def value(table: pd.DataFrame, words: str, column: str) -> float:
+    rows = table[table["figure"].str.contains(words, regex=False)]
+    assert len(rows) == 1
+    return rows[column].iloc[0]
+
+
+def test_comparison_by_hand(trials: list[Trial]):
+    table = comparison_table(trials)
+    assert len(table) == len(PAPER_FIGURES)
+    assert (table["note"] != "").all()
+    # four vehicle-level errors of 0.1 against four of 0.3 and of 0.4
+    assert value(table, "(Eq. 23), change against the state", "improved") == pytest.approx(-66.67)
+    assert value(table, "(Eq. 23), change against no", "improved") == pytest.approx(-75.0)
+    assert value(table, "(Eq. 23), change against no", "printed") == pytest.approx(-50.0)
+    assert value(table, "nine errors, change against the state", "improved") == pytest.approx(-66.67)
+    assert value(table, "largest error", "improved") == pytest.approx(10.0)
+    assert value(table, "calibration time, change", "improved") == pytest.approx(-50.0)  # 200 s of 400 s
+    assert value(table, "standard deviation of the calibration time", "improved") == pytest.approx(100.0 / 3600, 1e-3)
+    assert value(table, "Stage 2 undid", "improved") == pytest.approx(33.33)
+
+
+def test_similarity_stands_beside_chance(trials: list[Trial]):
+    table = comparison_table(trials)
+    # {tau, accel}, {tau, minGap}, {decel, minGap}: 0.5, 0, 0.5; two of four by chance: 5 of 6 pairs share one or more
+    for words in ("0.3 or more", "0.5 or more"):
+        assert value(table, words, "improved") == pytest.approx(66.67)
+        assert value(table, words, "chance") == pytest.approx(83.33)
+
+
+def test_interval_contains_the_value_and_needs_three_pairs():
+    few = [trial(method, 1, repetition) for repetition in range(2) for method in LEVEL]
+    assert np.isnan(value(comparison_table(few), "(Eq. 23), change against no", "improved_low") or np.nan)
+    many = [trial(method, 1, repetition) for repetition in range(6) for method in LEVEL]
+    table = comparison_table(many)
+    low, high = (value(table, "(Eq. 23), change against no", f"improved_{side}") for side in ("low", "high"))
+    assert low < value(table, "(Eq. 23), change against no", "improved") < high
+
+
+def test_a_missing_method_leaves_its_numbers_out(trials: list[Trial]):
+    some = [one for one in trials if one.method in ("no_calibration", "improved")]
+    table = comparison_table(some)
+    assert pd.isna(value(table, "(Eq. 23), change against the state", "improved"))
+    assert value(table, "(Eq. 23), change against no", "improved") == pytest.approx(-75.0)
+    assert {"figure_08_vehicle_level", "figure_10_improvements"} <= set(all_figures(some))
+
+
+def test_summary_has_every_error_cost_and_the_floor(trials: list[Trial]):
+    table = summary_table(trials).set_index("measure")
+    assert table.loc["traffic_speed", "method as improved"] == pytest.approx(0.1)
+    assert pd.isna(table.loc["cut_ins", "method as improved"])
+    assert table.loc["vehicle_level", "no calibration"] == pytest.approx(1.6)
+    assert table.loc["traffic_speed", "noise floor"] == pytest.approx(0.05)
+    assert table.loc["surrogate_runs", "state of the art"] == 1000
+
+
+def test_all_seven_figures_are_drawn_from_data_alone(trials: list[Trial], tmp_path: Path):
+    table = table_of(trials)
+    assert len(table) == len(trials)
+    about = {"budget": 1.0, "trials": [msgspec.to_builtins(one) for one in trials]}
+    (tmp_path / STUDY_FILE).write_bytes(msgspec.json.encode(about))
+    text = write_report(tmp_path)
+    drawn = sorted(file.name[:9] for file in tmp_path.glob("figure_*.svg"))
+    assert drawn == [f"figure_{number:02d}" for number in range(7, 14)]
+    assert all("<svg" in file.read_text() for file in tmp_path.glob("figure_*.svg"))
+    assert "-83.53" in text
+    assert read_study(tmp_path)[1] == trials
+
+
+def test_a_trial_survives_its_file(tmp_path: Path):
+    one = trial("improved", 2)
+    (tmp_path / TRIAL_FILE).write_text(trial_json(one))
+    assert read_trial(tmp_path / TRIAL_FILE) == one
+    (tmp_path / TRIAL_FILE).write_text("{")
+    with pytest.raises(CaseError, match="make it again"):
+        read_trial(tmp_path / TRIAL_FILE)
+
+
+def test_no_study_is_one_line(tmp_path: Path):
+    with pytest.raises(CaseError, match=r"study\.json"):
+        read_study(tmp_path)

@@ -1,0 +1,101 @@
+from collections.abc import Callable
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from jaxcalib.calibration.confirmation.final_errors import FinalRuns, runs_of_role, start_final_runs, with_outcomes
+from jaxcalib.calibration.result.simulation_health import health_of, unfinished_warnings
+from jaxcalib.runs.seeds import FINAL_SEEDS, SEEDS_PER_CALIBRATION
+from jaxcalib.runs.session import open_session
+from sim_adapters.interface import RunOutcome, RunRequest, Status
+
+DEPARTS_S = (300.0, 340.0, 300.0)
+
+
+def outcome(depart_s: float, value: float, status: Status = Status.OK) -> RunOutcome:
+    observed = np.asarray([value, 2.0 * value]) if status.is_ok else None
+    return RunOutcome(RunRequest((1.0,), int(value), depart_s), status, observed, np.ones(1), np.ones(1), 0)
+
+
+def test_other_runs_stand_for_the_drives_that_depart_as_they_do_in_turn():
+    runs = FinalRuns(np.asarray([[1.0, 2.0], [5.0, 10.0]]), np.asarray([0, 1]), (outcome(300.0, 1), outcome(340.0, 5)))
+    more = (
+        outcome(340.0, 7),
+        outcome(300.0, 8),
+        outcome(320.0, 9),
+        outcome(300.0, 10, Status.FAILED),
+        outcome(300.0, 11),
+        outcome(300.0, 12),
+    )
+    found = with_outcomes(runs, DEPARTS_S, more)
+    assert found.tally[:, 0].tolist() == [1.0, 5.0, 7.0, 8.0, 11.0, 12.0]
+    assert found.drive.tolist() == [0, 1, 1, 0, 2, 0]
+    assert len(found.outcomes) == 6
+
+
+def test_without_any_that_fit_the_runs_stay_as_they_are():
+    runs = FinalRuns(np.asarray([[1.0, 2.0]]), np.asarray([0]), (outcome(300.0, 1),))
+    assert with_outcomes(runs, DEPARTS_S, (outcome(320.0, 3), outcome(300.0, 4, Status.FAILED))) is runs
+    assert with_outcomes(runs, DEPARTS_S, ()) is runs
+
+
+def test_drives_may_share_runs_and_each_is_made_equally_often():
+    asked: list[RunRequest] = []
+
+    def start(requests: list[RunRequest], on_run: Any) -> Callable[[], list[RunOutcome]]:
+        asked.extend(requests)
+        return lambda: [replace(outcome(one.depart_s, one.depart_s + one.seed), request=one) for one in requests]
+
+    departs_s = (300.0, 320.0, 360.0, 300.0, 320.0, 360.0)
+    problem: Any = SimpleNamespace(departs_s=lambda role: departs_s, tally_names=("a", "b"))
+    sumo: Any = SimpleNamespace(start=start)
+    with open_session(None, {}, seed=3) as session:
+        runs = start_final_runs(problem, sumo, np.ones(1), "held_out", 12, session, shares_runs=True)()
+        alone = start_final_runs(problem, sumo, np.ones(1), "held_out", 6, session)()
+    assert sorted(runs.drive) == sorted([*range(6), *range(6)])
+    assert [departs_s[drive] for drive in runs.drive] == [one.depart_s for one in asked[:12]]
+    together = [(one.seed, sorted({one.depart_s, *one.also_depart_s})) for one in asked[:12] if one.also_depart_s]
+    assert together
+    assert all(other == [300.0, 360.0] for _, other in together)
+    assert len({(one.seed, one.depart_s) for one in asked[:12]}) == 12  # none is made twice
+    assert alone.drive.tolist() == list(range(6))
+    first = 3 * SEEDS_PER_CALIBRATION + FINAL_SEEDS["held_out"]
+    assert [(one.seed, one.depart_s) for one in asked[12:]] == [(first + n, departs_s[n]) for n in range(6)]
+
+
+def test_runs_for_one_role_serve_the_other_each_drive_equally_often():
+    """The drives to fit depart at 300 and 340 s, the one held out at 340 s: its run may stand for the second."""
+    problem = SimpleNamespace(departs_s={"fit": (300.0, 340.0), "held_out": (340.0,)}.__getitem__)
+    fit = FinalRuns(np.asarray([[1.0, 2.0], [3.0, 6.0]]), np.arange(2), (outcome(300.0, 1), outcome(340.0, 3)))
+    held_out = FinalRuns(np.asarray([[5.0, 10.0]]), np.asarray([0]), (outcome(340.0, 5),))
+    runs = {"fit": fit, "held_out": held_out}
+    found = runs_of_role(problem, runs, "held_out")  # pyright: ignore[reportArgumentType]
+    assert found.tally[:, 0].tolist() == [5.0, 3.0]
+    # a third run for the second drive would weigh it more than the first
+    found = runs_of_role(problem, runs, "fit")  # pyright: ignore[reportArgumentType]
+    assert found.tally[:, 0].tolist() == [1.0, 3.0]
+
+
+def test_drives_that_did_not_arrive_are_counted_and_warned_of():
+    runs = [replace(outcome(300.0, seed), subject_left=seed != 2) for seed in range(4)]
+    runs.append(replace(outcome(300.0, 4, Status.FAILED), subject_left=False))  # it failed, which is counted elsewhere
+    health = {"calibrated": health_of(runs), "surrogate": health_of(runs[:2])}
+    assert [one.unfinished for one in health.values()] == [1, 0]
+    (warning,) = unfinished_warnings(health)
+    assert "1 in 5 runs (calibrated)" in warning
+
+
+def test_drives_that_share_a_run_count_once_in_its_health():
+    none = np.asarray([10])
+
+    def drive(depart_s: float, also_s: tuple[float, ...], status: Status) -> RunOutcome:
+        request = RunRequest((1.0,), 5, depart_s, also_depart_s=also_s)
+        return RunOutcome(request, status, None, none, none - 1, num_collisions=3, num_teleports=2)
+
+    shared = [drive(300.0, (360.0,), Status.OK), drive(360.0, (300.0,), Status.SUBJECT_MISSING)]
+    alone = [drive(300.0, (), Status.OK), drive(300.0, (), Status.OK)]
+    health = health_of([*shared, *alone])
+    assert (health.runs, health.failed, health.collisions, health.teleports) == (3, 1, 9, 6)
+    assert health.backlog_share == 0.1

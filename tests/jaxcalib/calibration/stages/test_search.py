@@ -1,0 +1,137 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from jaxcalib.calibration.objective.evidence import independent_evidence
+from jaxcalib.calibration.stages.evaluator import AllRunsFailedError, Evaluator
+from jaxcalib.calibration.stages.local_surface import local_surface
+from jaxcalib.calibration.stages.optimisation import optimise, polish
+from jaxcalib.calibration.stages.screening import screen, smallest_array
+from jaxcalib.calibration.stages.search_box import half_width_of, search_box
+from jaxcalib.search import TrustRegionConfig
+from jaxcalib.search.optimiser import Setting
+from jaxcalib.search.optimisers.saga import Saga
+from tests.jaxcalib.calibration.toy import RESPONSE, SPACE, TRUTH, ToySimulator, toy_objective, toy_run
+
+WHOLE = search_box(np.full(3, 0.5), range(3), np.full(3, 0.5))
+START = np.full(3, 0.5)
+
+
+@given(
+    st.lists(st.floats(0.0, 1.0), min_size=3, max_size=3),
+    st.lists(st.floats(0.001, 0.6), min_size=3, max_size=3),
+    st.lists(st.floats(0.0, 1.0), min_size=2, max_size=2),
+)
+def test_a_box_stays_in_the_cube_and_holds_what_it_does_not_search(
+    center: list[float], half: list[float], point: list[float]
+):
+    box = search_box(np.asarray(center), [0, 2], np.asarray(half))
+    unit = box.unit_of(np.asarray([point]))
+    assert ((unit >= -1e-12) & (unit <= 1.0 + 1e-12)).all()
+    assert unit[0, 1] == center[1]
+    assert box.box_of(unit)[0] == pytest.approx(point, abs=1e-9)
+
+
+def test_known_parameters_are_searched_three_errors_around_and_unknown_ones_widely():
+    found = half_width_of(np.asarray([0.05, np.inf, 1e-6, 0.4]))
+    assert found == pytest.approx([0.15, 0.35, 0.01, 0.5])
+
+
+def test_screening_finds_the_planted_truth():
+    found = screen(toy_run(), WHOLE, START, 8, 2, "explore", 0.9)
+    assert found.array.name.startswith("L16")
+    assert found.best == pytest.approx(TRUTH, abs=0.2)
+    assert found.best_accuracy > found.cases.accuracy[-1]  # better than the initial point, the last case
+
+
+def test_a_failing_region_never_wins_and_never_enters_a_mean():
+    simulator = ToySimulator(failing=(0.55, 0.7))  # where the truth lies
+    found = screen(toy_run(simulator), WHOLE, START, 4, 2, "explore", 0.9)
+    assert not 0.55 <= found.best[1] <= 0.7
+    failed = ~found.cases.is_ok
+    assert failed.any()
+    assert np.isfinite(found.ranges.level_mean_accuracy[[0, 2]]).all()
+
+
+def test_saga_and_polish_come_closer_to_the_truth():
+    run = toy_run()
+    saga = optimise(run, WHOLE, Saga(), Setting(3, 80, 8, START, False, 3), 8, "optimise")
+    assert np.abs(saga.best - TRUTH).max() < 0.25
+    done = polish(run, WHOLE, saga.best, 32, TrustRegionConfig(num_iterations=3), "optimise", saga.rounds)
+    assert np.abs(done.best - TRUTH).max() < 0.12
+
+
+def test_evidence_of_the_logs_holds_what_the_moments_hardly_show():
+    evidence = independent_evidence(TRUTH, np.full(3, 0.01))
+    run = toy_run(objective=toy_objective(evidence, num_drives=2))
+    done = polish(run, WHOLE, TRUTH + 0.05, 16, TrustRegionConfig(num_iterations=2), "optimise")
+    assert np.abs(done.best - TRUTH).max() < 0.03
+
+
+def test_all_candidates_run_the_same_seeds_and_each_drive_equally_often():
+    simulator = ToySimulator()
+    evaluator = Evaluator(simulator, (300.0, 320.0, 300.0, 320.0), 70)
+    evaluator.evaluate(SPACE.values_of(np.asarray([[0.1, 0.2, 0.3], [0.4, 0.5, 0.6]])), 6)
+    first, second = simulator.requests[:6], simulator.requests[6:]
+    assert [r.seed for r in first] == [r.seed for r in second] == list(range(70, 76))
+    assert [r.depart_s for r in first] == [300.0, 320.0] * 3
+    assert evaluator.rounds_of(5) == 4
+
+
+def test_drives_that_share_a_run_have_its_seed_and_know_of_each_other():
+    simulator = ToySimulator()
+    evaluator = Evaluator(simulator, (300.0, 320.0, 380.0, 300.0, 320.0, 380.0), 70, shares_runs=True)
+    evaluator.evaluate(SPACE.values_of(START[None]), 6)
+    made = [(one.seed, one.depart_s, one.also_depart_s) for one in simulator.requests]
+    first = [(70, 300.0, (380.0,)), (71, 320.0, ()), (70, 380.0, (300.0,))]
+    assert made == first + [(seed + 2, *others) for seed, *others in first]
+    assert evaluator.worth(6) == pytest.approx(4 + 0.7 * 2)
+
+
+def test_drives_that_depart_together_never_share_a_run():
+    simulator = ToySimulator()
+    evaluator = Evaluator(simulator, (300.0, 380.0, 300.0), 1, shares_runs=True)
+    evaluator.evaluate(SPACE.values_of(START[None]), 6)
+    departures = [(one.seed, one.depart_s) for one in simulator.requests]
+    assert len(set(departures)) == 6
+    assert all(one.depart_s not in one.also_depart_s for one in simulator.requests)
+    assert Evaluator(simulator, (300.0, 380.0), 1).worth(6) == 6
+
+
+def test_nothing_but_failures_is_said_plainly():
+    evaluator = Evaluator(ToySimulator(failing=(0.0, 1.0)), (300.0,), 1)
+    with pytest.raises(AllRunsFailedError, match="all 3 runs failed"):
+        evaluator.evaluate(SPACE.values_of(START[None]), 3)
+
+
+def test_a_round_without_success_is_survived_once_something_has_succeeded():
+    simulator = ToySimulator()
+    evaluator = Evaluator(simulator, (300.0,), 1)
+    evaluator.evaluate(SPACE.values_of(START[None]), 2)
+    simulator.failing = (0.0, 1.0)
+    found = evaluator.evaluate(SPACE.values_of(START[None]), 3)
+    assert not found.is_ok.any()
+    assert np.isnan(found.pooled).all()
+
+
+def test_runs_take_every_drive_equally_often_where_departures_are_uneven():
+    simulator = ToySimulator()
+    evaluator = Evaluator(simulator, (300.0, 320.0, 300.0), 1)
+    evaluator.evaluate(SPACE.values_of(START[None]), evaluator.rounds_of(5))
+    assert [request.depart_s for request in simulator.requests] == [300.0, 320.0, 300.0] * 2
+
+
+def test_surface_through_all_candidates_knows_the_slopes():
+    run = toy_run()
+    judged = [run.judge(np.random.default_rng(5).uniform(0.3, 0.7, (60, 3)), 16, "explore")]
+    surface = local_surface(run.objective, WHOLE, judged, START)
+    jacobian = surface.slope / surface.radius
+    factor = np.linalg.cholesky(run.objective.variance(100_000))
+    assert factor @ jacobian == pytest.approx(RESPONSE, abs=0.25)
+
+
+@pytest.mark.parametrize(("number", "cases"), [(2, 16), (5, 16), (6, 64), (12, 64), (21, 64), (22, 81), (40, 81)])
+def test_the_array_is_the_smallest_that_fits(number: int, cases: int):
+    array = smallest_array(number)
+    assert (array.num_cases, array.num_factors) == (cases, number)

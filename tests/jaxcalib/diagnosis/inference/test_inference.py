@@ -1,0 +1,313 @@
+"""Null model, evidence, verdict and ledger on numbers whose answer is known."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import cast
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from jaxcalib.diagnosis.features.conventions import rounding_step
+from jaxcalib.diagnosis.features.features import Cell, Channel, DriveTallies
+from jaxcalib.diagnosis.features.signature import Signature
+from jaxcalib.diagnosis.inference.atlas import ALTERED_EXACTNESS, READING_EXACTNESS, altered_exactness
+from jaxcalib.diagnosis.inference.evidence import (
+    NONE,
+    UNKNOWN,
+    explain,
+    explain_none,
+    explain_unknown,
+    groups_of,
+    log_density,
+)
+from jaxcalib.diagnosis.inference.further import most_flexible_shift, next_steps, second_effect
+from jaxcalib.diagnosis.inference.investigation import Prepared, moved
+from jaxcalib.diagnosis.inference.ledger import make_ledger, parameter_shift, remaining_covariance
+from jaxcalib.diagnosis.inference.ramp_inflow import explain_ramps
+from jaxcalib.diagnosis.inference.verdict import LEAST_EVIDENCE, Verdict, judge, probabilities
+from jaxcalib.diagnosis.inference.visibility import atlas_of
+from jaxcalib.diagnosis.runs.finished_parts import FinishedParts
+from surrogate.effects.base import Reading, SearchedAt
+from surrogate.effects.registry import effect_named
+from tests.jaxcalib.diagnosis.synthetic import made_up_null
+
+NULL = made_up_null()
+SIZE = len(NULL.cells)
+
+
+def signature(name: str, seed: int, size: float = 1.5) -> Signature:
+    """Return a signature that is linear in the strength up to 2, medium 1."""
+    direction = size * np.random.default_rng(seed).standard_normal(SIZE)
+    shift = np.stack([np.zeros(SIZE), direction, 2.0 * direction])
+    return Signature(name, {}, np.asarray([0.0, 1.0, 2.0]), shift, np.zeros((3, SIZE)))
+
+
+SIGNATURES = {name: signature(name, seed) for seed, name in enumerate(("grade", "memory", "keep_right"), 1)}
+
+
+def explained(difference: np.ndarray):
+    found = [explain_none(difference, NULL), explain_unknown(difference, NULL, groups_of(NULL.cells))]
+    return found + [explain(difference, NULL, [one], 1.0) for one in SIGNATURES.values()]
+
+
+def noise(seed: int) -> np.ndarray:
+    random = np.random.default_rng(seed)
+    return np.linalg.cholesky(NULL.covariance) @ random.standard_normal(SIZE)
+
+
+def test_noise_and_shifted_parameters_are_no_effect():
+    alarms = 0
+    for seed in range(60):
+        found = explained(noise(seed))
+        gain = max(one.log_evidence for one in found if one.name != NONE) - found[0].log_evidence
+        alarms += judge(found, gain, SIZE, 0.0, False).kind != "no_gap"
+    assert alarms / 60 <= 0.1  # what is promised of nulls
+
+
+@pytest.mark.parametrize("name", SIGNATURES)
+def test_an_effect_is_named_with_its_strength(name: str):
+    strengths = []
+    for seed in range(12):
+        found = explained(noise(seed) + 1.3 * SIGNATURES[name].shift[1])
+        gain = max(one.log_evidence for one in found if one.name != NONE) - found[0].log_evidence
+        assert judge(found, gain, SIZE, 0.0, False).effects == (name,)
+        strengths.append(next(one.strength for one in found if one.name == name))
+    assert np.mean(strengths) == pytest.approx(1.3, rel=0.15)
+
+
+def test_what_matches_no_signature_is_unknown():
+    strange = 4.0 * np.random.default_rng(99).standard_normal(SIZE)
+    found = explained(noise(7) + strange)
+    gain = max(one.log_evidence for one in found if one.name != NONE) - found[0].log_evidence
+    assert judge(found, gain, SIZE, 0.0, False).kind == "unknown"
+
+
+def test_a_known_effect_that_leaves_more_than_noise_is_not_named():
+    """What is there is like an effect of the library, but half of it is something else."""
+    strange = np.zeros(SIZE)
+    strange[::2] = 12.0 * np.sign(np.random.default_rng(5).standard_normal(SIZE // 2))
+    found = explained(noise(7) + 2.0 * SIGNATURES["memory"].shift[1] + strange)
+    unlikely = [one for one in found if one.name != UNKNOWN]
+    unlikely.append(explain_unknown(np.full(SIZE, 1e3), NULL, [np.ones(SIZE)]))  # only known effects are in the race
+    verdict = judge(unlikely, 500.0, SIZE, 0.0, False)
+    assert verdict.kind == "unknown"
+    assert sum(verdict.probability.values()) == pytest.approx(1.0)
+    assert max(verdict.probability, key=lambda name: verdict.probability[name]) == UNKNOWN
+
+
+def test_twins_are_a_set():
+    found = explained(noise(3) + 1.3 * SIGNATURES["grade"].shift[1])
+    twin = next(one for one in found if one.name == "grade")
+    found.append(type(twin)(**{**vars(twin), "name": "local_speed_reduction"}))
+    verdict = judge(found, 50.0, SIZE, 0.0, False)
+    assert verdict.kind == "class"
+    assert set(verdict.effects) == {"grade", "local_speed_reduction"}
+
+
+def test_with_few_drives_or_one_departure_nothing_is_named_alone():
+    found = explained(noise(3) + 1.3 * SIGNATURES["grade"].shift[1])
+    assert judge(found, 50.0, SIZE, 0.0, False).effects == ("grade",)
+    few = judge(found, 50.0, SIZE, 0.0, True)
+    assert (few.kind, few.effects[0], len(few.effects)) == ("class", "grade", 2)
+    aliased = judge(found, 50.0, SIZE, 0.0, False, ("grade", "keep_right"))
+    assert (aliased.kind, aliased.effects) == ("class", ("grade", "keep_right"))
+    assert judge(found, 50.0, SIZE, 0.0, False, ("memory", "keep_right")).kind == "effect"
+
+
+@pytest.mark.parametrize("power", [1.0, 1.5, 2.0])
+def test_below_the_weakest_strength_tried_a_signature_goes_on_as_it_grows_above(power: float):
+    strengths = np.asarray([0.0, 0.2, 0.35])
+    direction = np.random.default_rng(8).standard_normal(SIZE)
+    shift = strengths[:, None] ** power * direction
+    one = Signature("driver_heterogeneity", {}, strengths, shift, np.zeros_like(shift))
+    assert one.exponent == pytest.approx(power)
+    for strength in (0.03, 0.11, 0.2):
+        np.testing.assert_allclose(one.at(strength)[0], strength**power * direction, rtol=1e-9)
+
+
+def test_an_effect_is_visible_from_where_four_of_five_fields_show_it():
+    """An exact signature, and fields that this test makes and judges by itself."""
+    one = replace(signature("memory", 5, size=0.2), exactness=0.0)
+    visible = atlas_of({"memory": [one]}, NULL, 8, {})["memory"].visible_from
+    assert visible is not None
+    medium = effect_named("memory").medium
+    for strength, low, high in ((visible, 0.7, 0.9), (0.7 * visible, 0.0, 0.6)):
+        shown = 0
+        for seed in range(150):
+            field = noise(seed) + one.at(strength)[0]
+            gain = explain(field, NULL, [one], medium).log_evidence - explain_none(field, NULL).log_evidence
+            shown += gain >= LEAST_EVIDENCE
+        assert low <= shown / 150 <= high
+
+
+def test_what_hides_an_effect_raises_the_strength_from_which_it_is_visible():
+    def visible_from(one: Signature, **more: int) -> float:
+        found = atlas_of({"memory": [one]}, NULL, 8, more)["memory"].visible_from
+        return np.inf if found is None else found
+
+    one = signature("memory", 5, size=0.4)
+    exact = visible_from(replace(one, exactness=0.0))
+    assert exact < visible_from(one)  # the surrogate may be wrong
+    assert exact < visible_from(replace(one, exactness=0.0), memory=40)  # forty places were looked at
+    # most of what was measured may be chance: errors as large as the signature itself
+    assert visible_from(replace(one, error=np.abs(one.shift))) > 1.1 * visible_from(one)
+    more = atlas_of({"memory": [one]}, NULL, 8, {})["memory"].visible_with_more
+    assert more is not None
+    assert 0.5 * visible_from(one) < more < visible_from(one)
+
+
+def test_rounding_is_read_from_the_values():
+    values = np.random.default_rng(2).uniform(-150.0, 150.0, 4000)
+    for step in (1.0, 0.1, 0.05, 0.01):
+        rounded = np.round(values / step) * step
+        rounded[:200] += 0.00037  # some were moved to other instants
+        assert rounding_step(rounded) == step
+    assert rounding_step(values) == 0.001
+
+
+def test_a_gain_that_one_drive_makes_is_no_effect():
+    found = explained(noise(3) + 1.3 * SIGNATURES["grade"].shift[1])
+    assert judge(found, 1.0, SIZE, 0.0, False).kind == "no_gap"
+    assert probabilities(found, 1.0)[NONE] > 0.1
+
+
+@settings(max_examples=40, deadline=None)
+@given(seed=st.integers(0, 10_000), size=st.floats(0.0, 50.0), least=st.floats(-5.0, 500.0))
+def test_probabilities_sum_to_one(seed: int, size: float, least: float):
+    found = explained(noise(seed) + size * SIGNATURES["memory"].shift[1])
+    values = probabilities(found, least)
+    assert sum(values.values()) == pytest.approx(1.0, abs=1e-9)
+    assert min(values.values()) >= 0.0
+    assert set(values) == {NONE, UNKNOWN, *SIGNATURES}
+
+
+@settings(max_examples=30, deadline=None)
+@given(seed=st.integers(0, 10_000))
+def test_ledger_adds_up(seed: int):
+    values = NULL.mean + NULL.deviation * noise(seed)
+    ledger = make_ledger(values, NULL, np.random.default_rng(0))
+    difference = NULL.standardised(values)
+    remaining = difference - NULL.slope @ parameter_shift(difference, NULL)
+    whole = np.mean(remaining**2) - np.mean(np.diag(remaining_covariance(NULL)))
+    assert sum(one.share for one in ledger) == pytest.approx(1.0, abs=1e-12)
+    assert sum(one.excess for one in ledger) == pytest.approx(whole, abs=1e-12)
+    assert all(0.0 < one.p_adjusted <= 1.0 for one in ledger)
+
+
+def test_ledger_is_unbiased_and_its_p_values_hold():
+    wholes, alarms = [], 0
+    for seed in range(200):
+        ledger = make_ledger(NULL.mean + NULL.deviation * noise(seed), NULL, np.random.default_rng(seed))
+        wholes.append(sum(one.excess for one in ledger))
+        alarms += min(one.p_adjusted for one in ledger) < 0.1
+    assert abs(np.mean(wholes)) < 4.0 * np.std(wholes) / np.sqrt(200)
+    assert alarms / 200 < 0.1 + 4.0 * np.sqrt(0.1 * 0.9 / 200)
+
+
+def test_influence_has_mean_zero_and_foretells_the_change():
+    random = np.random.default_rng(5)
+    cells = (Cell(Channel.REPLAY, "a"), Cell(Channel.REPLAY, "b", is_logarithmic=True))
+    below = random.uniform(50.0, 150.0, (30, 2))
+    tallies = DriveTallies(cells, below * random.uniform(1.0, 1.2, (30, 2)), below, np.zeros(30))
+    influence = tallies.influence()
+    assert influence.mean(axis=0) == pytest.approx(0.0, abs=1e-12)
+    without = tallies.take(np.arange(1, 30)).values()
+    # leaving one of 30 out moves the pooled value by -influence/29, to first order
+    assert without - tallies.values() == pytest.approx(-influence[0] / 29, rel=0.05)
+
+
+def test_stages_remember(tmp_path):
+    cells = (
+        Cell(Channel.REPLAY, "a", from_m=0.0, to_m=200.0, locates=SearchedAt.STRETCHES, rows_per_event=20.0),
+        Cell(Channel.IDENTITY, "b", role="subject", is_logarithmic=True, tolerance=0.2, reads=Reading.LATENCY),
+    )
+    tallies = DriveTallies(cells, np.asarray([[1.0, 2.5]]), np.asarray([[4.0, 0.0]]), np.asarray([300.0]))
+    first = FinishedParts(tmp_path / "stages").tallies("part", lambda: {"x": tallies})
+    again = FinishedParts(tmp_path / "stages").tallies("part", lambda: pytest.fail("made again"))
+    assert again["x"].cells == first["x"].cells == cells
+    assert (again["x"].above == tallies.above).all()
+    next((tmp_path / "stages").iterdir()).write_bytes(b"damaged")
+    assert FinishedParts(tmp_path / "stages").tallies("part", lambda: {"x": tallies})["x"].cells == cells
+
+
+def test_a_ramp_far_from_its_given_inflow_is_an_error_of_inflow():
+    far, near = (explain_ramps(-10.0, {1: (ratio, 0.06)}, 1.0) for ratio in (0.45, 0.97))
+    assert far is not None
+    assert near is not None
+    assert far.log_evidence > -10.0 + 4.0
+    assert near.log_evidence < -10.0
+    assert far.strength == pytest.approx(-0.55, abs=0.06)
+    assert explain_ramps(-10.0, {}, 1.0) is None
+
+
+def test_a_second_effect_is_found_beside_the_first_and_not_in_its_errors():
+    both = {name: [in_own_unit(name)] for name in SIGNATURES}
+    for seed in range(4):
+        pair = noise(seed + 20) + 1.5 * SIGNATURES["grade"].shift[1] + 1.3 * SIGNATURES["memory"].shift[1]
+        singles = [explain(pair, NULL, several, effect_named(name).medium) for name, several in both.items()]
+        first = max(singles, key=lambda one: one.log_evidence)
+        second = second_effect(pair, NULL, first, both, {})
+        assert second is not None
+        assert {first.name, second.name} == {"grade", "memory"}
+    seconds = 0
+    for seed in range(20):
+        wrong = 1.0 + 0.3 * np.random.default_rng(100 + seed).standard_normal(SIZE)
+        difference = noise(seed + 20) + 1.3 * wrong * SIGNATURES["grade"].shift[1]
+        first = explain(difference, NULL, both["grade"], effect_named("grade").medium)
+        seconds += second_effect(difference, NULL, first, both, {}) is not None
+    assert seconds <= 2
+
+
+def in_own_unit(name: str) -> Signature:
+    """Return a signature whose medium strength is that of the effect library."""
+    one = SIGNATURES[name]
+    return replace(one, strengths=one.strengths * effect_named(name).medium)
+
+
+def test_all_effects_at_once_explain_at_least_what_one_does():
+    difference = noise(5) + 1.5 * SIGNATURES["keep_right"].shift[1] - 1.0 * SIGNATURES["memory"].shift[1]
+    shift = most_flexible_shift(difference, NULL, {name: [in_own_unit(name)] for name in SIGNATURES})
+    before = log_density(difference, NULL.covariance)[1]
+    alone = min(log_density(difference - 1.5 * one.shift[1], NULL.covariance)[1] for one in SIGNATURES.values())
+    assert log_density(difference - shift, NULL.covariance)[1] < min(before, alone)
+    np.testing.assert_array_equal(most_flexible_shift(difference, NULL, {}), 0.0)
+
+
+@pytest.mark.parametrize("kind", ["no_gap", "miscalibrated", "effect", "class", "unknown"])
+def test_there_is_always_something_to_try_next(kind: str):
+    effects = {"effect": ("grade",), "class": ("grade", "memory")}.get(kind, ())
+    lines = next_steps(
+        Verdict(kind, effects, {}, ""), None, {"grade": ["local_speed_reduction"]}, ["speed (200 to 400 m)", "gap"],
+        {"grade": 0.01, "memory": None}, {"grade": None, "memory": None},
+    )  # fmt: skip
+    assert lines
+    assert all(line.endswith(".") and "_" not in line for line in lines)
+
+
+def test_a_feature_that_reads_a_strength_from_the_log_tells_it():
+    """Traffic may answer by a quarter less than a signature says; what reads the strength itself does not."""
+    one = signature("gap_sensor_bias", 9, size=8.0)
+    one.shift[:, 3] = [0.0, 25.0, 50.0]
+    field = 0.75 * one.at(1.4)[0]
+    field[3] = one.at(1.4)[0][3]
+    is_reading = np.arange(SIZE) == 3
+    told = {}
+    for name, exactness in (("alike", 0.4), ("reading", np.where(is_reading, 0.02, 0.4))):
+        told[name] = explain(field, NULL, [replace(one, exactness=exactness)], 1.0).strength
+    assert abs(told["reading"] - 1.4) < 0.5 * abs(told["alike"] - 1.4)
+
+
+def test_readings_are_nearly_exact_and_stay_so_among_other_features():
+    cells = (Cell(Channel.IDENTITY, "any"), Cell(Channel.IDENTITY, "other", reads=Reading.DISTANCE_SCALE))
+    np.testing.assert_allclose(altered_exactness("gap_sensor_bias", cells), [ALTERED_EXACTNESS, READING_EXACTNESS])
+    np.testing.assert_allclose(altered_exactness("sensor_noise", cells), ALTERED_EXACTNESS)
+    here, there = (
+        cast(Prepared, SimpleNamespace(null=SimpleNamespace(cells=order, deviation=np.ones(len(order)))))
+        for order in (cells, (cells[1], Cell(Channel.REPLAY, "other"), cells[0]))
+    )
+    one = Signature("gap_sensor_bias", {}, np.asarray([0.0, 1.0]), np.eye(2), np.zeros((2, 2)),
+                    altered_exactness("gap_sensor_bias", cells))  # fmt: skip
+    exactness = moved(one, here, there).exactness
+    np.testing.assert_allclose(exactness, [READING_EXACTNESS, 1.0, ALTERED_EXACTNESS])

@@ -1,0 +1,93 @@
+"""What SUMO's own runs make of a surrogate's signatures, on made-up tallies."""
+
+import numpy as np
+import pytest
+
+from jaxcalib.diagnosis.features.features import DriveTallies
+from jaxcalib.diagnosis.features.signature import Signature
+from jaxcalib.diagnosis.inference.evidence import explain, explain_none
+from jaxcalib.diagnosis.inference.sumo_check import check_in_sumo, corrected, measured_signature
+from tests.jaxcalib.diagnosis.synthetic import made_up_null
+
+NULL = made_up_null()
+SIZE = len(NULL.cells)
+NUM_RUNS = 400
+DIRECTION = 3.0 * np.random.default_rng(1).standard_normal(SIZE)
+WRONG = DIRECTION + 2.0 * np.random.default_rng(2).standard_normal(SIZE)
+
+
+def runs(shift: np.ndarray, seed: int) -> DriveTallies:
+    """Return runs whose features are the null's, shifted by so many units of noise."""
+    spread = np.sqrt(8.0) * np.random.default_rng(seed).standard_normal((NUM_RUNS, SIZE))
+    above = NULL.mean + NULL.deviation * (shift + spread)
+    return DriveTallies(NULL.cells, above, np.ones_like(above), np.zeros(NUM_RUNS))
+
+
+def signature(name: str, shift: np.ndarray) -> Signature:
+    return Signature(name, {}, np.asarray([0.0, 1.0, 2.0]), np.outer([0.0, 1.0, 2.0], shift), np.zeros((3, SIZE)))
+
+
+def test_the_measured_signature_is_the_difference_in_units_of_noise():
+    shift, error = measured_signature(runs(DIRECTION, 3), runs(np.zeros(SIZE), 4), NULL)
+    np.testing.assert_allclose(error, np.sqrt(2.0 * 8.0 / NUM_RUNS), rtol=0.15)
+    z = (shift - DIRECTION) / np.sqrt(8.0 / NUM_RUNS)
+    assert np.abs(z).max() < 4.5
+    assert z.std() == pytest.approx(1.0, abs=0.35)
+
+
+def test_a_correction_is_a_mean_of_both_and_grows_with_strength():
+    one = signature("memory", WRONG)
+    error = np.full(SIZE, 0.3)
+    found = corrected(one, one, 1.5, 1.5 * DIRECTION, error)
+    np.testing.assert_array_equal(found.shift[0], 0.0)
+    np.testing.assert_allclose(found.shift[2] - one.shift[2], 2.0 * (found.shift[1] - one.shift[1]))
+    there, remaining = found.at(1.5)
+    low, high = np.minimum(1.5 * WRONG, 1.5 * DIRECTION), np.maximum(1.5 * WRONG, 1.5 * DIRECTION)
+    assert ((there >= low - 1e-9) & (there <= high + 1e-9)).all()
+    assert (remaining <= error + 1e-9).all()
+    unseen = corrected(one, one, 1.5, 1.5 * DIRECTION, np.full(SIZE, np.inf))
+    np.testing.assert_array_equal(unseen.shift, one.shift)
+
+
+def test_the_right_effect_overtakes_one_that_the_surrogate_favours():
+    random = np.random.default_rng(8)
+    difference = np.linalg.cholesky(NULL.covariance) @ random.standard_normal(SIZE) + 1.2 * DIRECTION
+    signatures = {"memory": [signature("memory", WRONG)], "grade": [signature("grade", 0.8 * DIRECTION + 0.4)]}
+
+    def explained(several):
+        found = [explain(difference, NULL, one, 1.0) for one in several.values()]
+        return sorted([*found, explain_none(difference, NULL)], key=lambda one: -one.log_evidence)
+
+    asked = []
+
+    def run(name: str, setting) -> DriveTallies:
+        asked.append((name, setting.strength))
+        return runs(setting.strength * DIRECTION, 9)
+
+    assert explained(signatures)[0].name == "grade"
+    checked = check_in_sumo(NULL, runs(np.zeros(SIZE), 4), signatures, explained, lambda name: name == "memory", run)
+    assert [name for name, _ in asked] == ["memory"]
+    assert checked.explained[0].name == "memory"
+    assert checked.explained[0].strength == pytest.approx(1.2, rel=0.25)
+    (check,) = checked.checks
+    assert (check.effect, check.num_runs) == ("memory", NUM_RUNS)
+    assert check.agreement is not None
+    assert 0.3 < check.agreement <= 1.0
+    assert checked.signatures["grade"] == signatures["grade"]
+
+
+def test_what_fails_in_sumo_keeps_the_surrogate_s_signature():
+    signatures = {"memory": [signature("memory", WRONG)], "keep_right": [signature("keep_right", DIRECTION)]}
+    asked = []
+
+    def explained(several):
+        found = [explain(2.0 * DIRECTION, NULL, one, 1.0) for one in several.values()]
+        return sorted([*found, explain_none(2.0 * DIRECTION, NULL)], key=lambda one: -one.log_evidence)
+
+    def run(name: str, setting) -> None:
+        asked.append((name, setting))
+
+    checked = check_in_sumo(NULL, runs(np.zeros(SIZE), 4), signatures, explained, lambda name: True, run)
+    assert sorted(name for name, _ in asked) == ["keep_right", "memory"]
+    assert checked.checks == ()
+    assert checked.signatures == signatures

@@ -1,0 +1,92 @@
+"""What the logs of the small case say before any traffic is simulated: its planted drivers, and its inflows."""
+
+import numpy as np
+import pytest
+
+from experiments.blind_effects.road import BELIEVED_DRIVER
+from jaxcalib.initial_values.demand_profile import COMMON_TRUST, SCENARIO_TRUST, estimate_demand
+from jaxcalib.initial_values.initial_point import InitialPoint, find_initial_point, without_driver_logs
+from jaxcalib.problem.problem import CalibrationProblem
+from tests.small_case import RAMP, TRUE_INPUTS_VEHPH, TRUTH
+
+DRIVER = BELIEVED_DRIVER | {name: str(value) for name, value in TRUTH.items()}
+
+
+@pytest.fixture(scope="module")
+def initial(small_problem: CalibrationProblem) -> InitialPoint:
+    return find_initial_point(small_problem, 0.5, {}, seed=1)
+
+
+@pytest.mark.long
+def test_the_field_s_drivers_are_found_within_their_errors(initial: InitialPoint) -> None:
+    space, names = initial.space, initial.space.names
+    truth = initial.scenario_values.copy()
+    for name in ("tau", "minGap", "accel", "decel", "speedFactor"):
+        truth[names.index(name)] = float(DRIVER[name])
+    off = space.unit_of(initial.values) - space.unit_of(truth)
+    for name in ("tau", "minGap", "accel", "decel", "speedFactor"):
+        place = names.index(name)
+        assert abs(off[place]) < 3.0 * initial.unit_error[place] < 0.2
+        assert "pairs" in initial.source[place]
+    assert initial.values[names.index("tau")] == pytest.approx(TRUTH["tau"], rel=0.03)
+    assert initial.values[names.index("speedFactor")] == pytest.approx(TRUTH["speedFactor"], rel=0.04)
+
+
+@pytest.mark.long
+def test_the_field_s_inflow_is_found_within_its_error(initial: InitialPoint) -> None:
+    found, error = initial.demand.values_vehph, initial.demand.error_vehph
+    for place, (name, truth) in enumerate(TRUE_INPUTS_VEHPH.items()):
+        assert initial.space.names[place] == name
+        assert abs(found[place] - truth) < 3.0 * error[place]
+
+
+@pytest.mark.long
+def test_without_the_logs_drivers_are_the_scenario_s(initial: InitialPoint) -> None:
+    silent = without_driver_logs(initial)
+    np.testing.assert_allclose(silent.values[2:], initial.scenario_values[2:], rtol=1e-5)
+    np.testing.assert_array_equal(silent.values[:2], initial.values[:2])
+    assert np.isinf(silent.unit_error[2:]).all()
+    assert set(silent.source[2:]) == {"scenario"}
+    assert silent.drivers.replay_loss is None
+
+
+def section_volumes(problem: CalibrationProblem, main_vehph: float, ramp_vehph: float) -> np.ndarray:
+    """Return the volume on each section: the ramp's vehicles pass what lies behind the merge."""
+    border = np.asarray(problem.road.section_border_m, float)
+    merge_m = problem.scenario.network.edge_start_m(RAMP[2])
+    passed = np.clip((border[1:] - np.maximum(border[:-1], merge_m)) / np.diff(border), 0.0, 1.0)
+    assert passed[0] < 1.0  # else nobody could tell the two inflows apart
+    assert passed[-1] == 1.0
+    return main_vehph + ramp_vehph * passed
+
+
+def test_inflows_are_found_from_volumes_along_the_route(small_problem: CalibrationProblem) -> None:
+    volume = section_volumes(small_problem, 2000.0, 600.0)
+    found = estimate_demand(
+        small_problem.scenario, small_problem.template, small_problem.road, volume, np.full(len(volume), 2.0)
+    )
+    # errors of 2 veh/h outweigh what the scenario says by a hundred
+    np.testing.assert_allclose(found.values_vehph, [2000.0, 600.0], rtol=0.005)
+    assert (found.error_vehph < 10.0).all()
+
+
+def test_what_is_not_seen_stays_the_scenario_s_with_its_own_error(small_problem: CalibrationProblem) -> None:
+    nothing = np.full(small_problem.road.num_sections, np.nan)
+    found = estimate_demand(small_problem.scenario, small_problem.template, small_problem.road, nothing, nothing)
+    np.testing.assert_allclose(found.values_vehph, found.scenario_vehph)
+    trust = np.hypot(COMMON_TRUST, SCENARIO_TRUST)
+    np.testing.assert_allclose(found.error_vehph, trust * found.scenario_vehph, rtol=1e-9)
+    np.testing.assert_allclose(found.scenario_vehph, [2700.0, 420.0], rtol=1e-4)
+
+
+def test_one_section_moves_all_inflows_by_a_common_factor_first(small_problem: CalibrationProblem) -> None:
+    """Before the merge only the main road is seen; the ramp follows by the share of the common factor's variance."""
+    volume = section_volumes(small_problem, 2000.0, 600.0)
+    first_only = np.where(np.arange(len(volume)) == 0, volume, np.nan)
+    error = np.where(np.isfinite(first_only), 1.0, np.nan)
+    scenario = small_problem.template.base_demand_vehph()
+    found = estimate_demand(small_problem.scenario, small_problem.template, small_problem.road, first_only, error)
+    change = found.values_vehph / scenario - 1.0
+    assert change[0] < -0.2
+    assert change[0] < change[1] < 0.0
+    assert found.error_vehph[1] / scenario[1] > 0.15

@@ -1,0 +1,76 @@
+"""The corridor with an engine that takes no time: its runs answer to parameters and seeds, and some fail."""
+
+import functools
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from jaxcalib.problem.problem import CalibrationProblem, read_problem
+from jaxcalib.sweeps import sweep as module
+from jaxcalib.sweeps.plan import SweepPlan
+from jaxcalib.sweeps.report import write_report
+from sim_adapters.interface import RunOutcome, RunRequest, Status
+from tests.places import CORRIDOR
+
+read_once = functools.cache(read_problem)
+
+
+def outcome_of(problem: CalibrationProblem, request: RunRequest) -> RunOutcome:
+    fails = round(1e6 * request.values[2]) % 7 == 0
+    tally = problem.field_tally[request.seed % len(problem.drives)] * (1.0 + 1e-4 * request.values[0])
+    counts = np.asarray([900, 100])
+    status = Status.COLLIDED if fails else Status.OK
+    return RunOutcome(request, status, None if fails else tally, counts, counts - 1, 3 * fails, wall_s=0.5)
+
+
+class ToyEngine:
+    """Makes blocks at once; stops where it is told to."""
+
+    def __init__(self, problem: CalibrationProblem, stop_before: int | None = None) -> None:
+        self.problem, self.stop_before, self.made = problem, stop_before, 0
+        self.is_closed = False
+
+    def outcomes(self, plan: SweepPlan, blocks: Iterable[int]) -> Iterator[tuple[int, list[RunOutcome]]]:
+        for block in blocks:
+            if self.made == self.stop_before:
+                raise KeyboardInterrupt
+            self.made += 1
+            yield block, [outcome_of(self.problem, request) for request in plan.requests(block)]
+
+    def close(self) -> None:
+        self.is_closed = True
+
+
+@pytest.fixture
+def toy(monkeypatch: pytest.MonkeyPatch) -> Callable[..., list[ToyEngine]]:
+    """Return what puts a toy in the place of the engines; the list holds those that were used."""
+    monkeypatch.setattr(module, "read_problem", lambda case: read_once(CORRIDOR))
+    used: list[ToyEngine] = []
+
+    def put(stop_before: int | None = None) -> list[ToyEngine]:
+        def engine(problem: CalibrationProblem, name: str) -> ToyEngine:
+            used.append(ToyEngine(problem, stop_before))
+            return used[-1]
+
+        monkeypatch.setattr(module, "local_engine", engine)
+        return used
+
+    put()
+    monkeypatch.setattr(module, "write_report", lambda table, problem: None)  # its figures take seconds
+    return put
+
+
+@pytest.fixture
+def calm(tmp_path: Path) -> Path:
+    """Return settings with little traffic, of which SUMO's runs are short."""
+    file = tmp_path / "calm.toml"
+    file.write_text("[bounds]\nmain = [900.0, 1800.0]\non1 = [150.0, 300.0]\n")
+    return file
+
+
+@pytest.fixture
+def with_report(toy: object, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Write the page after all."""
+    monkeypatch.setattr(module, "write_report", write_report)

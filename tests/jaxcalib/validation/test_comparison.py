@@ -1,0 +1,93 @@
+"""Prediction intervals, distances and errors of trajectories against closed forms and coverage."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from jaxcalib.validation.comparison import compare_trajectories
+from jaxcalib.validation.distributions import BORDERS, distances
+from jaxcalib.validation.observer import ObservedDrives
+from jaxcalib.validation.prediction import exceedance, predict, upper_limit
+from jaxcalib.validation.trajectories import CELL_M, passing_rmse_s, route_grid, speed_rmse_mps, travel_times_s
+
+
+def test_a_prediction_interval_holds_nine_in_ten():
+    rng = np.random.default_rng(4)
+    draws = 3.0 + 0.7 * rng.standard_normal((4000, 9))
+    inside = []
+    for row in draws:
+        found = predict(row[:8], row[8])
+        assert found is not None
+        inside.append(found.lower <= row[8] <= found.upper)
+        assert (found.p_value >= 0.1) == inside[-1]
+    assert np.mean(inside) == pytest.approx(0.9, abs=0.015)  # three standard errors
+
+
+def test_limits_by_chance_are_exceeded_in_one_case_in_twenty():
+    rng = np.random.default_rng(5)
+    draws = np.exp(0.4 * rng.standard_normal((4000, 7)))
+    above = [row[6] > upper_limit(row[:6]) for row in draws]
+    assert np.mean(above) == pytest.approx(0.05, abs=0.011)
+    for row, is_above in zip(draws[:50], above[:50], strict=True):
+        assert (exceedance(row[:6], row[6]) < 0.05) == is_above
+
+
+def test_too_few_rounds_predict_nothing():
+    assert predict(np.asarray([1.0, np.nan, 2.0]), 1.5) is None
+    assert np.isnan(upper_limit(np.asarray([1.0, 2.0])))
+    assert np.isnan(exceedance(np.asarray([1.0, 2.0]), 3.0))
+
+
+@given(shift=st.integers(1, 60), name=st.sampled_from(sorted(BORDERS)))
+def test_the_distance_of_a_shifted_distribution_is_the_shift(shift: int, name: str):
+    width = float(np.diff(BORDERS[name])[0])
+    one = np.zeros(len(BORDERS[name]) - 1)
+    one[7:20] = np.arange(3.0, 16.0)
+    _, wasserstein = distances(name, one, 2.0 * np.roll(one, shift))
+    assert wasserstein == pytest.approx(shift * width)
+    assert distances(name, one, 5.0 * one) == pytest.approx((0.0, 0.0))
+
+
+def test_the_distance_of_distributions_that_do_not_meet():
+    one, other = np.zeros((2, 240))
+    one[3], other[9] = 5.0, 2.0
+    assert distances("subject_speed_mps", one, other) == pytest.approx((1.0, 6 * 0.25))
+    assert np.isnan(distances("subject_speed_mps", one, np.zeros(240))).all()
+
+
+def passing(speed_mps: float, depart_s: float, cells: int = 20) -> np.ndarray:
+    return depart_s + route_grid(CELL_M * cells) / speed_mps
+
+
+def test_errors_of_trajectories_at_constant_speed():
+    slow, fast = passing(10.0, 300.0), passing(12.5, 340.0)
+    assert speed_rmse_mps(slow, fast) == pytest.approx(2.5)
+    assert travel_times_s(slow, fast) == pytest.approx((100.0, 80.0))
+    grid = route_grid(1000.0)
+    assert passing_rmse_s(slow, fast) == pytest.approx(np.sqrt(np.mean((grid / 10.0 - grid / 12.5) ** 2)))
+
+
+def test_only_the_stretch_that_both_have_driven_counts():
+    whole, part = passing(10.0, 300.0), passing(8.0, 300.0)
+    part[:5] = np.nan
+    part[15:] = np.nan
+    assert speed_rmse_mps(whole, part) == pytest.approx(2.0)
+    assert travel_times_s(whole, part) == pytest.approx((45.0, 56.25))
+    part[8:] = np.nan
+    assert np.isnan(speed_rmse_mps(whole, part))
+
+
+def drives(speeds_mps: np.ndarray) -> ObservedDrives:
+    times = np.asarray([passing(speed, 300.0) for speed in speeds_mps.ravel()])
+    shape = speeds_mps.shape
+    return ObservedDrives(np.zeros((*shape, 1)), {}, times.reshape(*shape, -1))
+
+
+@pytest.mark.parametrize(("field_mps", "is_like"), [([14.4, 15.8], True), ([9.0, 22.0], False)])
+def test_a_field_like_the_simulation_is_told_from_one_unlike(field_mps: list[float], is_like: bool):
+    rng = np.random.default_rng(8)
+    rounds = drives(15.0 + rng.standard_normal((10, 2)))
+    for one in compare_trajectories(drives(np.asarray(field_mps)), rounds).values():
+        assert (one["value"] <= one["limit"]) == is_like
+        assert (one["p_value"] >= 0.05) == is_like

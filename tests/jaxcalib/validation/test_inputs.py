@@ -1,0 +1,139 @@
+"""What a validation reads: RUN, counts, and what it refuses."""
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from jaxcalib.calibration.stages.evaluator import AllRunsFailedError
+from jaxcalib.errors import CaseError
+from jaxcalib.problem.problem import CalibrationProblem, read_problem
+from jaxcalib.validation.calibrated_run import CalibratedRun, read_calibrated_run
+from jaxcalib.validation.counts import count_criteria, count_volumes, read_counts
+from jaxcalib.validation.validate import complete_rounds, round_requests, validate
+from sim_adapters.interface import RunOutcome, RunRequest, Status
+from tests.places import CORRIDOR
+
+
+@pytest.fixture(scope="module")
+def problem() -> CalibrationProblem:
+    return read_problem(CORRIDOR)
+
+
+def result_of(problem: CalibrationProblem) -> dict:
+    values, layout = problem.template.base_values().tolist(), problem.layout
+    behaviour = dict(zip(layout.attributes, values[2:], strict=True))
+    demand = dict(zip(layout.input_ids, values, strict=False))
+    return {"format": 1, "parameters": {"demand": demand, "behaviour": {"car": behaviour}}, "seeds": {"search": 7}}
+
+
+def test_calibrated_values_come_in_the_order_of_the_layout(problem: CalibrationProblem, tmp_path: Path):
+    (tmp_path / "result.json").write_text(json.dumps(result_of(problem)))
+    found = read_calibrated_run(tmp_path, problem)
+    np.testing.assert_allclose(found.values, problem.template.base_values())
+    assert found.first_seed == 7
+    assert "run.json" in found.warnings[0]
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (lambda found: found.update(format=2), "format"),
+        (lambda found: found.pop("parameters"), "demand"),
+        (lambda found: found["parameters"]["demand"].pop("on1"), "parameters.demand: expected those of the case"),
+        (lambda found: found["parameters"]["demand"].update(main=None), "parameters.demand.main: expected a number"),
+        (lambda found: found["parameters"].update(behaviour={"truck": {}}), "vTypes of the case, car"),
+        (lambda found: found["parameters"]["behaviour"]["car"].pop("tau"), "parameters.behaviour"),
+    ],
+)
+def test_results_that_are_refused(problem: CalibrationProblem, tmp_path: Path, change, says: str):
+    found = result_of(problem)
+    change(found)
+    (tmp_path / "result.json").write_text(json.dumps(found))
+    with pytest.raises(CaseError, match=re.escape(says)):
+        read_calibrated_run(tmp_path, problem)
+
+
+def test_a_run_without_result_is_refused_before_anything_is_written(tmp_path: Path):
+    with pytest.raises(CaseError, match=r"result\.json: expected the result of a calibration"):
+        validate(CORRIDOR, tmp_path)
+    assert not list(tmp_path.iterdir())
+    with pytest.raises(CaseError, match="--seeds"):
+        validate(CORRIDOR, tmp_path, seeds=2)
+
+
+def test_no_two_runs_share_a_seed():
+    requests = round_requests(CalibratedRun((1.0,), 3_000_000, ()), (300.0, 320.0, 300.0), 4)
+    assert [one.seed for one in requests] == list(range(3_500_000, 3_500_012))
+    assert [one.depart_s for one in requests] == [300.0, 320.0, 300.0] * 4
+
+
+def test_a_round_with_a_failed_run_is_left_out():
+    def outcome(number: int, fails: bool) -> RunOutcome:
+        none = np.zeros(1)
+        status = Status.FAILED if fails else Status.OK
+        return RunOutcome(RunRequest((1.0,), number, 0.0), status, None if fails else np.full(2, number), none, none, 0)
+
+    outcomes = [outcome(number, number == 3) for number in range(8)]
+    rounds = complete_rounds(outcomes, 2)
+    assert rounds[:, :, 0].tolist() == [[0, 1], [4, 5], [6, 7]]
+    with pytest.raises(AllRunsFailedError, match="but 2 rounds"):
+        complete_rounds([outcome(number, number in (3, 4)) for number in range(8)], 2)
+
+
+COUNTS = """edge,begin_s,end_s,vehicles,day
+in0,120,240,130,monday
+in0,240,360,140,monday
+in0,120,240,120,tuesday
+in0,240,360,150,tuesday
+in0,120,240,126,friday
+in0,240,360,144,friday
+m1,300,600,310,monday
+"""
+
+
+def test_counts(problem: CalibrationProblem, tmp_path: Path):
+    file = tmp_path / "counts.csv"
+    file.write_text(COUNTS)
+    counts = read_counts(file, problem)
+    assert counts.edges == ("in0", "m1")
+    assert counts.vehicles.shape == (3, 3)
+    passed = {"in0": np.asarray([100.0, 120.0, 121.0, 240.0, 240.1, 400.0]), "m1": np.asarray([300.1, 599.0])}
+    assert counts(passed).tolist() == [2.0, 1.0, 2.0]  # begin excluded, end included: no vehicle counts twice
+    volumes = count_volumes(counts, np.asarray([[124.0, 148.0, 300.0], [128.0, 140.0, 320.0]]))
+    assert volumes[0].field_vehph == pytest.approx(30 * (130 + 120 + 126) / 3)
+    assert volumes[0].simulated_vehph == pytest.approx(30 * 126)
+    assert volumes[2].field_vehph == pytest.approx(12 * 310)
+    criteria = count_criteria(counts, np.asarray([[124.0, 148.0, 300.0], [128.0, 140.0, 320.0]]))
+    assert len(criteria) == 4 + 4  # those of 2019 for in0 only: m1 was counted on one day
+    assert all(one.passes for one in criteria)
+    assert "120 s" in criteria[0].note
+
+
+def test_one_day_of_counts_is_not_enough_for_2019(problem: CalibrationProblem, tmp_path: Path):
+    file = tmp_path / "counts.csv"
+    file.write_text("edge,begin_s,end_s,vehicles\nin0,0,300,300\n")
+    criteria = count_criteria(read_counts(file, problem), np.asarray([[310.0]]))
+    assert criteria[-1].passes is None
+    assert "3 days" in criteria[-1].note
+
+
+@pytest.mark.parametrize(
+    ("row", "says"),
+    [
+        ("nowhere,0,300,5,a", "row 2, column edge: expected an edge"),
+        ("in0,300,300,5,a", "row 2, column begin_s"),
+        ("in0,300,99999,5,a", "720, the scenario's end"),
+        ("in0,0,300,-5,a", "row 2, column vehicles"),
+        ("in0,0,300,,a", "row 2, column vehicles"),
+        ("in0,0,300,5,a\nin0,0,300,6,a", "row 3: expected edge"),
+        ("", "at least one row"),
+    ],
+)
+def test_counts_that_are_refused(problem: CalibrationProblem, tmp_path: Path, row: str, says: str):
+    file = tmp_path / "counts.csv"
+    file.write_text(f"edge,begin_s,end_s,vehicles,day\n{row}\n")
+    with pytest.raises(CaseError, match=re.escape(says)):
+        read_counts(file, problem)

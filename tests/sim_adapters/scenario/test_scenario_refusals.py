@@ -1,0 +1,172 @@
+"""A scenario from a stranger may be wrong, it may not do harm: one line says which file and what was expected."""
+
+import gzip
+import xml.etree.ElementTree as ET
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from sim_adapters.errors import ScenarioError
+from sim_adapters.interface import ParameterLayout
+from sim_adapters.scenario import sumo_files
+from sim_adapters.scenario.scenario import Scenario, read_scenario
+from sim_adapters.scenario.scenario_writer import write_scenario
+from sim_adapters.scenario.sumo_files import read_configuration, read_xml
+from sim_adapters.world.world_builder import build_template
+
+CONFIG, DEMAND, NET = "scenario.sumocfg", "demand.rou.xml", "net.net.xml"
+DOCTYPE = '<!DOCTYPE r [<!ENTITY a "aaaa"><!ENTITY b "&a;&a;">]>'
+
+
+def read(case: Path) -> Scenario:
+    return read_scenario(case / "scenario" / CONFIG, case, "ego", 720.0)
+
+
+def spoil(case: Path, name: str, old: str, new: str) -> None:
+    file = case / "scenario" / name
+    text = file.read_text()
+    assert old in text
+    file.write_text(text.replace(old, new, 1))
+
+
+def refusal(case: Path, name: str) -> str:
+    """Return what is said, which must be one line that names the file."""
+    with pytest.raises(ScenarioError) as error:
+        read(case)
+    line = str(error.value)
+    assert line.startswith(f"{name}: ")
+    assert "\n" not in line
+    return line
+
+
+def test_the_copy_is_read_before_it_is_spoilt(own_corridor: Path):
+    assert read(own_corridor).warnings == ()
+
+
+@pytest.mark.parametrize(
+    ("name", "root"), [(CONFIG, "<configuration>"), (DEMAND, "<routes>"), (NET, "<net ")], ids=[CONFIG, DEMAND, NET]
+)
+def test_document_types(own_corridor: Path, name: str, root: str):
+    spoil(own_corridor, name, root, DOCTYPE + root)
+    assert "DOCTYPE" in refusal(own_corridor, name)
+
+
+def test_document_types_in_packed_files(own_corridor: Path):
+    packed = own_corridor / "scenario/demand.rou.xml.gz"
+    packed.write_bytes(gzip.compress((DOCTYPE + (own_corridor / "scenario" / DEMAND).read_text()).encode()))
+    spoil(own_corridor, CONFIG, f'"{DEMAND}"', f'"{packed.name}"')
+    assert "DOCTYPE" in refusal(own_corridor, packed.name)
+
+
+def test_document_types_in_another_encoding(own_corridor: Path):
+    file = own_corridor / "scenario" / DEMAND
+    file.write_bytes(("<?xml version='1.0' encoding='UTF-16'?>" + DOCTYPE + file.read_text()).encode("utf-16"))
+    refusal(own_corridor, DEMAND)
+
+
+def test_packed_files_are_read_up_to_a_limit(own_corridor: Path, monkeypatch: pytest.MonkeyPatch):
+    packed = own_corridor / "scenario/demand.rou.xml.gz"
+    packed.write_bytes(gzip.compress((own_corridor / "scenario" / DEMAND).read_bytes()))
+    spoil(own_corridor, CONFIG, f'"{DEMAND}"', f'"{packed.name}"')
+    assert len(read(own_corridor).flows) == 4
+    packed.write_bytes(gzip.compress(b"<routes>" + b" " * 4_000_000 + b"</routes>"))
+    monkeypatch.setattr(sumo_files, "LARGEST_UNPACKED_BYTES", 3 * 2**20)
+    with pytest.raises(ScenarioError, match=r"^demand\.rou\.xml\.gz: expected at most 3 MiB"):
+        read_xml(packed)
+
+
+def test_sections_that_would_write_files_or_open_sockets_are_left_out(
+    own_corridor: Path, layout: ParameterLayout, tmp_path: Path
+):
+    harm = (
+        f'<output><fcd-output value="{tmp_path}/harm.xml"/></output><traci_server><remote-port value="9999"/>'
+        "</traci_server><strange><thing value='1'/></strange>"
+    )
+    spoil(own_corridor, CONFIG, "<time>", harm + "<time>")
+    spoil(own_corridor, CONFIG, "<processing>", '<processing><device.rerouting.output value="x"/>')
+    scenario = read(own_corridor)
+    for part in ("<output>", "<traci_server>", "<strange>", "'device.rerouting.output'"):
+        (line,) = (line for line in scenario.warnings if part in line)
+        assert line.startswith(f"{CONFIG}: ")
+        assert "\n" not in line
+    out = tmp_path / "out"
+    out.mkdir()
+    written = write_scenario(scenario, layout, (1000.0, 100.0, 1.0, 2.5, 2.6, 1.0, 0.1, 1.0, 1.0), 5.0, "ego", out)
+    root = ET.parse(written.config).getroot()
+    assert [section.tag for section in root] == ["input", "time", "processing"]
+    assert [option.tag for option in root[0]] == ["net-file", "additional-files", "route-files"]
+    assert {option.tag for option in root[2]} == {"time-to-teleport", "collision.action"}
+    assert "harm" not in written.config.read_text()
+
+
+@pytest.mark.parametrize("path", ["../../net.net.xml", "/etc/passwd", "sub/../../../net.net.xml", "link.net.xml"])
+@pytest.mark.parametrize("option", ["net-file", "route-files", "additional-files"])
+def test_paths_that_leave_the_folder(own_corridor: Path, option: str, path: str):
+    (own_corridor / "scenario/link.net.xml").symlink_to("/etc/hostname")
+    if option == "additional-files":
+        spoil(own_corridor, CONFIG, "</input>", f'<additional-files value="{path}"/></input>')
+    else:
+        old = {"net-file": NET, "route-files": DEMAND}[option]
+        spoil(own_corridor, CONFIG, f'"{old}"', f'"{path}"')
+    assert "leaves the case's folder" in refusal(own_corridor, CONFIG)
+
+
+def test_paths_may_go_up_within_the_folder(own_corridor: Path):
+    (own_corridor / "scenario" / NET).rename(own_corridor / NET)
+    spoil(own_corridor, CONFIG, f'"{NET}"', f'"../{NET}"')
+    assert read(own_corridor).configuration.net_file == (own_corridor / NET).resolve()
+    with pytest.raises(ScenarioError, match="leaves the case's folder"):
+        read_configuration(own_corridor / "scenario" / CONFIG, own_corridor / "scenario")
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new", "expected"),
+    [
+        (CONFIG, f'"{DEMAND}"', '"nothing.rou.xml"', None),
+        (CONFIG, f'<route-files value="{DEMAND}"/>', "", "route-files"),
+        (CONFIG, f'"{NET}"', f'"{NET},{NET}"', "one network"),
+        (CONFIG, 'step-length value="0.1"', 'step-length value="fast"', "'step-length'"),
+        (CONFIG, 'end value="720"', 'end value="-3"', "'end'"),
+        (CONFIG, 'collision.action value="warn"', 'lateral-resolution value="0.8"', "'lateral-resolution'"),
+        (CONFIG, "</configuration>", "", "expected XML"),
+        (DEMAND, "</routes>", "", "expected XML"),
+        (DEMAND, 'id="f_main_e" type="car"', 'id="f_main_e" type="lorry"', "'lorry'"),
+        (DEMAND, 'id="ego" type="subject"', 'id="ego" type="robot"', "'robot'"),
+        (DEMAND, 'id="ego"', 'id="other"', "'other'"),
+        (DEMAND, 'route="r_main_e"', 'route="r_nowhere"', "'r_nowhere'"),
+        (DEMAND, 'edges="in1 on1 m3 m4 m5 m6 off1"', 'edges="in1 on1 m3 m4 m55"', None),
+        (DEMAND, 'tau="1.0"', 'tau="long"', "'tau'"),
+        (DEMAND, 'carFollowModel="IDM"', 'carFollowModel="Rail"', "'Rail'"),
+        (DEMAND, 'departSpeed="avg"', 'departSpeed="max"', "departSpeed"),
+        (DEMAND, 'period="exp(0.130000)"', 'period="exp(often)"', "period"),
+        (DEMAND, 'period="exp(0.130000)"', "", "expected period"),
+        (DEMAND, 'begin="0" end="720" period="exp(0.130000)"', 'begin="9" end="720" period="exp(0.13)"', "'in0'"),
+        (DEMAND, "<route id", '<vTypeDistribution id="mix" vTypes="car"/><route id', "'mix'"),
+        (DEMAND, "<route id", '<inductionLoop id="loop" file="../harm.xml"/><route id', "inductionLoop"),
+    ],
+)
+def test_what_is_wrong_is_named(own_corridor: Path, name: str, old: str, new: str, expected: str | None):
+    spoil(own_corridor, name, old, new)
+    # a path that leads nowhere is said of the file that is not there, an edge of the network that lacks it
+    named = {'"nothing.rou.xml"': "nothing.rou.xml", 'edges="in1 on1 m3 m4 m55"': NET}.get(new, name)
+    line = refusal(own_corridor, named)
+    assert expected is None or expected in line
+
+
+def test_a_number_that_is_no_number(own_corridor: Path):
+    spoil(own_corridor, DEMAND, 'depart="300"', 'depart="nan"')
+    assert "depart" in refusal(own_corridor, DEMAND)
+
+
+def test_an_input_with_a_flow_that_is_not_there(corridor: Scenario, layout: ParameterLayout):
+    wrong = replace(layout, input_flows=(("f_main_o1", "f_main_x"), layout.input_flows[1]))
+    with pytest.raises(ScenarioError) as error:
+        build_template(corridor, wrong)
+    assert str(error.value) == f"{DEMAND}: input 'main': expected a <flow id='f_main_x'>; there is none."
+
+
+def test_a_vehicle_type_that_is_not_there(corridor: Scenario, layout: ParameterLayout):
+    with pytest.raises(ScenarioError) as error:
+        build_template(corridor, replace(layout, vtypes=("car", "lorry")))
+    assert str(error.value) == f"{DEMAND}: expected a <vType id='lorry'>; there is none."

@@ -1,0 +1,60 @@
+"""What a driver who must change lane asks of the follower there, with numbers worked out by hand."""
+
+import jax.numpy as jnp
+import pytest
+
+from surrogate.car_following.idm import Idm
+from surrogate.lane_change.cooperation import requests
+from surrogate.lane_change.gap_acceptance import Blocked
+from surrogate.lane_change.registry import lane_change_model
+from surrogate.lane_change.surroundings import following_of
+from surrogate.vehicle.vehicle_class import VehicleClass
+from tests.surrogate.lane_change.lane_scene import lane_scene
+
+LENGTH, JAM_GAP, TIME_GAP, ACCELERATION, DECELERATION, DESIRED, STEP_S = 4.8, 1.6, 1.1, 1.7, 3.1, 21.0, 0.1
+
+
+def asked_mps2(speed_mps: float, follower_mps: float, gap_m: float) -> float:
+    """Return the acceleration asked of a follower in the way, who is `gap_m` behind with his jam gap kept."""
+    values = (JAM_GAP, TIME_GAP, ACCELERATION, DECELERATION, 9.0, 4.0)
+    following = Idm(*(jnp.asarray(value) for value in values))
+    model = lane_change_model("lc2013").build({})
+    driver = VehicleClass(following, model, *(jnp.asarray(value) for value in (LENGTH, 50.0, 1.0, 0.1)))
+    ego, side, _ = lane_scene(
+        speed_mps, LENGTH, JAM_GAP, DESIRED, None, None, (gap_m + JAM_GAP, follower_mps), None, 260.0
+    )
+    yes, no = jnp.asarray([True]), jnp.asarray([False])
+    found = requests(
+        ego, side, Blocked(no, yes), following_of(jnp.zeros(1, jnp.int32), (driver,)), jnp.asarray([9.0]), no, STEP_S,
+        STEP_S,
+    )  # fmt: skip
+    return float(found.follower_advice_mps2[0])
+
+
+def idm_mps2(speed_mps: float, leader_mps: float, gap_m: float) -> float:
+    """Return the acceleration behind a gap without the jam gap."""
+    braking = 2.0 * (ACCELERATION * DECELERATION) ** 0.5
+    wanted_m = JAM_GAP + max(0.0, speed_mps * TIME_GAP + speed_mps * (speed_mps - leader_mps) / braking)
+    return ACCELERATION * (1.0 - (speed_mps / DESIRED) ** 4 - (wanted_m / (gap_m + JAM_GAP)) ** 2)
+
+
+@pytest.mark.parametrize(("speed_mps", "follower_mps", "gap_m"), [(2.2, 2.1, 2.3), (0.9, 1.2, 1.1), (2.9, 3.0, 3.2)])
+def test_a_follower_who_could_stand_within_a_second_keeps_a_little_more_than_the_gap(
+    speed_mps: float, follower_mps: float, gap_m: float
+) -> None:
+    expected = idm_mps2(follower_mps, speed_mps, gap_m - 0.1)
+    assert asked_mps2(speed_mps, follower_mps, gap_m) == pytest.approx(expected, abs=2e-4)
+
+
+def test_if_the_gap_shrinks_faster_than_that_in_one_step_he_keeps_what_will_be_left() -> None:
+    speed_mps, follower_mps, gap_m = 0.4, 2.9, 3.4
+    asked = asked_mps2(speed_mps, follower_mps, gap_m)
+    assert asked < idm_mps2(follower_mps, speed_mps, gap_m - 0.1) - 0.05
+    assert asked == pytest.approx(idm_mps2(follower_mps, speed_mps, gap_m - 0.25), abs=0.06)
+
+
+def test_a_faster_follower_is_asked_for_the_speed_behind_the_gap_after_the_step() -> None:
+    speed_mps, follower_mps, gap_m = 14.3, 13.4, 14.4
+    first = follower_mps + STEP_S * idm_mps2(follower_mps, speed_mps, gap_m + STEP_S * speed_mps)
+    expected = idm_mps2(follower_mps, speed_mps, gap_m + STEP_S * (speed_mps - first))
+    assert asked_mps2(speed_mps, follower_mps, gap_m) == pytest.approx(expected, abs=2e-4)
