@@ -3,7 +3,8 @@
 from collections.abc import Sequence
 
 from sim_adapters.scenario.configuration import SumoConfiguration
-from sim_adapters.scenario.demand_file import Demand
+from sim_adapters.scenario.demand_elements import Departure
+from sim_adapters.scenario.demand_file import Demand, Flow
 from sim_adapters.scenario.finding import Finding, Level
 from sim_adapters.scenario.sumo_names import SUMO_MODELS, nearest_model
 
@@ -19,6 +20,7 @@ APPROXIMATED = {
     "device.rerouting.probability": WITHOUT,
     "device.driverstate.probability": WITHOUT,
 }
+FOLLOWED_DEPARTURE = Departure("best", "last", "avg")
 LANE_CHANGE_MODELS = ("LC2013", "default")
 
 
@@ -47,4 +49,23 @@ def vtype_findings(demand: Demand, vtypes: Sequence[str]) -> list[Finding]:
             findings.append(Finding(Level.APPROXIMATED, file, element, words))
         if "actionStepLength" in attributes:
             findings.append(Finding(Level.APPROXIMATED, file, element, f"actionStepLength: {WITHOUT}"))
+    return findings
+
+
+def flow_findings(demand: Demand, flows: Sequence[Flow]) -> list[Finding]:
+    """Findings on how background vehicles come."""
+    findings, file = [], demand.file.name
+    others = {flow.id: flow.departure for flow in flows if flow.departure != FOLLOWED_DEPARTURE}
+    if others:
+        name, how = next(iter(others.items()))
+        words = (
+            f"departLane '{how.lane}', departPos '{how.position}', departSpeed '{how.speed}': the surrogate knows "
+            "best, last, avg only"
+        )
+        findings.append(Finding(Level.SUMO_ALONE, file, f"flow '{name}'", words, len(others)))
+    for edge in dict.fromkeys(flow.route[0] for flow in flows):
+        windows = {(flow.begin_s, flow.end_s) for flow in flows if flow.route[0] == edge}
+        if len(windows) > 1:
+            words = f"{len(windows)} windows of time: the surrogate knows one for each entrance"
+            findings.append(Finding(Level.SUMO_ALONE, file, f"flows from edge '{edge}'", words))
     return findings

@@ -9,7 +9,7 @@ from sim_adapters.scenario.configuration import SumoConfiguration, read_configur
 from sim_adapters.scenario.demand_definitions import Route
 from sim_adapters.scenario.demand_file import Demand, Flow, read_demand
 from sim_adapters.scenario.finding import Finding, Level
-from sim_adapters.scenario.followed_options import option_findings, vtype_findings
+from sim_adapters.scenario.followed_options import flow_findings, option_findings, vtype_findings
 from sim_adapters.scenario.loaded_scenario import LoadedScenario
 from sim_adapters.scenario.road_builder import RowMap, lay_rows
 from sim_adapters.scenario.route_network import RouteNetwork, read_route_network
@@ -151,7 +151,13 @@ def read_scenario(
     vtypes = _unique([*(flow.vtype for flow in flows), demand.subject_vtype])
     for vtype in vtypes:
         scenario.values_of(vtype)
-    findings = [*option_findings(configuration), *vtype_findings(demand, vtypes), *demand.findings, *network.findings]
+    findings = [
+        *option_findings(configuration),
+        *vtype_findings(demand, vtypes),
+        *flow_findings(demand, flows),
+        *demand.findings,
+        *network.findings,
+    ]
     return replace(scenario, findings=tuple(findings))
 
 

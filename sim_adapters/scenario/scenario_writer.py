@@ -18,6 +18,7 @@ from sim_adapters.scenario.scenario import Scenario
 from sim_adapters.scenario.scenario_files import writes_output
 from sim_adapters.scenario.sumo_effects import Draft, put_into
 from sim_adapters.scenario.sumo_files import read_xml
+from sim_adapters.scenario.sumo_names import SPEED_DISTRIBUTION
 from sim_adapters.scenario.times import read_time_s
 from sim_adapters.shared_runs import subject_names
 from sim_adapters.units import SECONDS_PER_HOUR
@@ -179,7 +180,7 @@ def _in_order(elements: Sequence[ET.Element]) -> list[ET.Element]:
 
 def _set_attributes(vtype: ET.Element, values: Mapping[str, float]) -> None:
     factor = vtype.get("speedFactor", "")
-    distribution = re.fullmatch(r"(normc?)\(([^,)]*)(?:,([^,)]*))?((?:,[^,)]*){0,2})\)", factor.replace(" ", ""))
+    distribution = SPEED_DISTRIBUTION.fullmatch(factor.replace(" ", ""))
     for attribute, value in values.items():
         if not (distribution and attribute in ("speedFactor", "speedDev")):
             vtype.set(attribute, _text(value))
