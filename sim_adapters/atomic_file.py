@@ -3,6 +3,7 @@
 import os
 import uuid
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 
@@ -23,5 +24,6 @@ def write_atomically(file: Path, write: Callable[..., object]) -> None:
             os.fsync(stream.fileno())
         draft.replace(file)
     except BaseException:
-        draft.unlink(missing_ok=True)
+        with suppress(OSError):
+            draft.unlink(missing_ok=True)  # it takes room on a disk that has none
         raise

@@ -22,6 +22,7 @@ from jaxcalib.problem.engines import prepare_devices, sumo_engine, surrogate_eng
 from jaxcalib.problem.parameter_space import parameter_space, round_values
 from jaxcalib.problem.problem import CalibrationProblem, read_problem
 from jaxcalib.problem.settings import Settings, read_settings
+from jaxcalib.runs.disk import check_out, check_outside
 from jaxcalib.runs.journal import JournaledSumo, JournaledSurrogate
 from jaxcalib.runs.progress import Progress
 from jaxcalib.runs.run_folder import identify
@@ -63,10 +64,14 @@ def calibrate(
     Raises:
         CaseError: the case, the settings or RUN are wrong; one line says what.
         AllRunsFailedError: a simulator failed.
+        ResourceError: a disk is full.
     """
     began_s = time.perf_counter()
     if not 0 <= seed <= MOST_SEED or not 0.05 <= budget <= 100.0:
         raise ValueError(f"Expected a seed of 0 to {MOST_SEED} and a budget of 0.05 to 100; got {seed} and {budget}.")
+    if out is not None:
+        check_outside(Path(out), Path(case))
+        check_out(Path(out))
     chosen = settings if isinstance(settings, Settings) else read_settings(settings)
     prepare_devices(len(os.sched_getaffinity(0)))
     problem = read_problem(case)

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from jaxcalib.calibration.confirmation.confirmation import Confirmation, confirm
+from jaxcalib.calibration.confirmation.scenario_check import start_scenario_check
 from jaxcalib.calibration.stages.budget import Budget, plan_budget
 from jaxcalib.calibration.stages.evaluator import Evaluator
 from jaxcalib.calibration.stages.two_stage import TwoStageResult, search_two_stages
@@ -65,8 +66,10 @@ def search_values(
         session: seeds, journal, progress and time of the command.
 
     Raises:
-        AllRunsFailedError: a simulator failed.
+        AllRunsFailedError: a simulator failed; where SUMO cannot run the scenario as it is, before the search begins.
     """
+    # a run that the final errors need anyway
+    check = start_scenario_check(problem, session.first_seed, sumo.start)
     with ThreadPoolExecutor(1) as thread:
         compiled = thread.submit(engine.prepare if engine else lambda: None)  # meanwhile the logs are fitted
         session.progress.stage("initial_values")
@@ -75,6 +78,7 @@ def search_values(
             if "logs" in settings.without:
                 initial = without_driver_logs(initial)
         compiled.result()
+    check()
     surrogate = Evaluator(
         JournaledSurrogate(engine, session.journal) if engine else sumo,
         problem.departs_s("fit"),

@@ -164,10 +164,10 @@ def _case_error(message: str, data: dict[str, Any]) -> CaseError:
     if odd := _odd_key(data, data, CaseTable, []):
         return odd
     path = _steps(message.rpartition(" - at `$")[2])
-    found: Any = data
+    value: Any = data
     for step in path:
-        found = found[step]
-    return CaseError(FILE_NAME, _place(path, data), f"expected {_description(path)}, got {quote(found)}.")
+        value = value[step]
+    return CaseError(FILE_NAME, _place(path, data), f"expected {_description(path)}, got {quote(value)}.")
 
 
 def _odd_key(root: Any, data: Any, annotation: Any, path: list[str | int]) -> CaseError | None:

@@ -132,25 +132,30 @@ def fit_following(
     seed
         Seed of the starts.
     """
-    from jaxcalib.cli.guarded import EXIT_CASE_WRONG
+    from jaxcalib.cli.guarded import guarded
     from jaxcalib.cli.pair_fitting_terminal import pair_progress, print_summary
     from jaxcalib.errors import CaseError
     from jaxcalib.pair_fitting.recorded_pairs import read_pairs
     from jaxcalib.pair_fitting.study import study_pairs
+    from jaxcalib.runs.disk import check_out, writing_to
     from surrogate.car_following.registry import car_following_model
     from surrogate.vehicle.model_entry import UnknownModelError
 
-    try:
-        entry = car_following_model(model)
+    def work() -> str:
+        try:
+            entry = car_following_model(model)
+        except UnknownModelError as error:
+            raise CaseError("command line", "--model", f"expected a known name: {error}") from None
+        check_out(out)
         recorded, dropped = read_pairs(pairs, drop_bad_pairs)
-    except (CaseError, UnknownModelError) as error:
-        print(f"jaxcalib: {error}", file=sys.stderr)
-        return EXIT_CASE_WRONG
-    with pair_progress(len(recorded)) as on_pairs:
-        study = study_pairs(entry, recorded, dropped, held_out_share, seed, on_pairs)
-    study.write(out)
-    print_summary(study, out)
-    return 0
+        with pair_progress(len(recorded)) as on_pairs:
+            study = study_pairs(entry, recorded, dropped, held_out_share, seed, on_pairs)
+        with writing_to(out):
+            study.write(out)
+        print_summary(study, out)
+        return ""
+
+    return guarded(work, "nothing was written.")
 
 
 @app.command

@@ -1,11 +1,13 @@
 """What becomes of a command's errors: one line for the user, and an exit code."""
 
 import sys
+import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
 from jaxcalib.calibration.stages.evaluator import AllRunsFailedError
 from jaxcalib.errors import CaseError, ResourceError, shorten
+from jaxcalib.runs.disk import full_disk, is_of_disk
 from sim_adapters.errors import TooLargeBatchError, WorkersEndedError
 
 EXIT_CASE_WRONG = 2
@@ -21,7 +23,7 @@ def guarded(work: Callable[[], str], go_on: str, folder: Path | None = None, pro
     Args:
         work: returns what is to be printed at the end; nothing if empty.
         go_on: what a user who stopped it can do.
-        folder: where a failed simulator's last words are kept; they are printed without it, or if it is not there.
+        folder: where a failed simulator's last words are kept, too, if it is there.
         program: name in front of messages.
     """
     try:
@@ -32,17 +34,31 @@ def guarded(work: Callable[[], str], go_on: str, folder: Path | None = None, pro
         return _end(program, str(error), EXIT_RESOURCE)
     except AllRunsFailedError as error:
         what = shorten(str(error), 250)
-        if folder is None or not folder.is_dir():
-            return _end(program, f"{what}. {shorten(error.log_tail, 250)}", EXIT_SIMULATOR_FAILED)
-        (folder / LOG_FILE).write_text(error.log_tail + "\n", encoding="utf-8")
-        return _end(program, f"{what}; see {folder / LOG_FILE}.", EXIT_SIMULATOR_FAILED)
+        words = f" {shorten(error.log_tail, 250)}" if error.log_tail else ""
+        return _end(program, f"{what}.{words}{_keep_log(error, folder)}", EXIT_SIMULATOR_FAILED)
     except WorkersEndedError as error:
         return _end(program, str(error), EXIT_SIMULATOR_FAILED)
     except KeyboardInterrupt:
         return _end(program, f"stopped; {go_on}", EXIT_STOPPED)
+    except OSError as error:  # where nobody knew what was written; others are defects
+        if not is_of_disk(error):
+            raise
+        place = Path(error.filename or folder or tempfile.gettempdir())
+        return _end(program, str(full_disk(place, error)), EXIT_RESOURCE)
     if message:
         print(message)
     return 0
+
+
+def _keep_log(error: AllRunsFailedError, folder: Path | None) -> str:
+    """Keep a simulator's last words in a folder, and return what says so; nothing where they cannot be kept."""
+    if folder is None or not folder.is_dir():
+        return ""
+    try:
+        (folder / LOG_FILE).write_text(error.log_tail + "\n", encoding="utf-8")
+    except OSError:
+        return ""
+    return f" See {folder / LOG_FILE}."
 
 
 def _end(program: str, message: str, code: int) -> int:

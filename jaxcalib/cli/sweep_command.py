@@ -6,12 +6,16 @@ import sys
 from pathlib import Path
 from types import FrameType
 
+import pyarrow.parquet as pq
+
+from jaxcalib.calibration.stages.evaluator import AllRunsFailedError
 from jaxcalib.cli.guarded import guarded
 from jaxcalib.errors import CaseError
 from jaxcalib.runs.progress import Silent
 from jaxcalib.runs.sweep_progress import TerminalSweepProgress
 from jaxcalib.sweeps.options import SweepOptions
 from jaxcalib.sweeps.sweep import SweepResult, make_sweep, merge_shards
+from sim_adapters.interface import Status
 
 
 def run_sweep(case: Path | None, out: Path, options: SweepOptions, *, merge: bool, quiet: bool) -> int:
@@ -24,6 +28,7 @@ def run_sweep(case: Path | None, out: Path, options: SweepOptions, *, merge: boo
             raise CaseError("command line", "CASE", "expected the folder of a case.")
         with Silent() if quiet else TerminalSweepProgress() as progress:
             result = merge_shards(out, case) if merge or case is None else make_sweep(case, out, options, progress)
+        _refuse_all_failed(result)
         return "" if quiet else _summary(case, options, result)
 
     before = signal.signal(signal.SIGTERM, _stop)  # batch systems send it before they kill
@@ -31,6 +36,19 @@ def run_sweep(case: Path | None, out: Path, options: SweepOptions, *, merge: boo
         return guarded(work, f"go on with: {shlex.join(['jaxcalib', *sys.argv[1:]])}")
     finally:
         signal.signal(signal.SIGTERM, before)
+
+
+def _refuse_all_failed(result: SweepResult) -> None:
+    """Refuse a sweep, whose table is kept, without a single run to look at.
+
+    Raises:
+        AllRunsFailedError: all runs failed.
+    """
+    if result.is_complete and not result.statuses.get(Status.OK.name):
+        (first,) = next(pq.ParquetFile(result.path).iter_batches(1, columns=["status", "log_tail"])).to_pylist()
+        counts = ", ".join(f"{count} {name}" for name, count in result.statuses.items())
+        words = first["log_tail"] or Status[first["status"]].value
+        raise AllRunsFailedError(f"all {result.num_rows} runs failed ({counts}), see {result.path}", words)
 
 
 def _summary(case: Path | None, options: SweepOptions, result: SweepResult) -> str:

@@ -18,6 +18,7 @@ from jaxcalib.diagnosis.stages.simulated import Simulated, simulate_null
 from jaxcalib.diagnosis.stages.tried import try_effects
 from jaxcalib.problem.engines import prepare_devices
 from jaxcalib.problem.problem import read_problem
+from jaxcalib.runs.disk import check_out, check_outside
 from jaxcalib.runs.progress import Progress
 from jaxcalib.runs.run_folder import RunFolder, identify
 from jaxcalib.runs.seeds import MOST_SEED
@@ -49,10 +50,14 @@ def diagnose(
     Raises:
         CaseError: the case or RUN are wrong; one line says what.
         AllRunsFailedError: a simulator failed.
+        ResourceError: a disk is full.
     """
     began_s = time.perf_counter()
     if not 0 <= seed <= MOST_SEED or not 0.05 <= budget <= 100.0:
         raise ValueError(f"Expected a seed of 0 to {MOST_SEED} and a budget of 0.05 to 100; got {seed} and {budget}.")
+    if out is not None:
+        check_outside(Path(out), Path(case))
+        check_out(Path(out))
     prepare_devices(len(os.sched_getaffinity(0)))
     problem = read_problem(case, as_stated=True)
     identity = identify(problem.case, {"command": "diagnose", "seed": seed, "budget": budget})

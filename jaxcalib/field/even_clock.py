@@ -94,27 +94,27 @@ def to_even_clock(
         longest_gap_s: longest time between two samples of the subject vehicle that is bridged.
     """
     steps = np.diff(subject.time_s, prepend=subject.time_s[0])
-    found = _between(subject.time_s, np.cumsum(steps > longest_gap_s), interval_s)
+    samples = _between(subject.time_s, np.cumsum(steps > longest_gap_s), interval_s)
     clock = _OnClock.of(subject.time_s[[0, -1]], interval_s)
     first = int(clock.first_from[0])
     instants = np.arange(first, clock.last_until[1] + 1)
-    valid = np.isin(instants, found.instant)
+    valid = np.isin(instants, samples.instant)
     held = np.clip(np.searchsorted(subject.time_s, instants * interval_s), 0, len(subject.time_s) - 1)
-    place = found.instant - first
+    index = samples.instant - first
 
     def fill(values: np.ndarray, interpolated: np.ndarray) -> np.ndarray:
         filled = values[held]
-        filled[place] = interpolated
+        filled[index] = interpolated
         return filled
 
     even_subject = SubjectTable(
         time_s=np.round(instants * interval_s, 6),
-        position_m=fill(subject.position_m, found.linear(subject.position_m)),
-        speed_mps=fill(subject.speed_mps, found.linear(subject.speed_mps)),
-        acceleration_mps2=fill(subject.acceleration_mps2, found.linear(subject.acceleration_mps2)),
-        row=fill(subject.row, found.nearest(subject.row)),
-        lateral_m=fill(subject.lateral_m, found.linear_in_row(subject.lateral_m, subject.row)),
-        num_lanes=fill(subject.num_lanes, found.nearest(subject.num_lanes)),
+        position_m=fill(subject.position_m, samples.linear(subject.position_m)),
+        speed_mps=fill(subject.speed_mps, samples.linear(subject.speed_mps)),
+        acceleration_mps2=fill(subject.acceleration_mps2, samples.linear(subject.acceleration_mps2)),
+        row=fill(subject.row, samples.nearest(subject.row)),
+        lateral_m=fill(subject.lateral_m, samples.linear_in_row(subject.lateral_m, subject.row)),
+        num_lanes=fill(subject.num_lanes, samples.nearest(subject.num_lanes)),
     )
     even_objects = _even_objects(subject, objects, episode, interval_s, first, valid, even_subject.position_m)
     return EvenDrive(even_subject, even_objects, valid)
@@ -134,18 +134,18 @@ def _even_objects(
     order = np.lexsort((time_s, episode))
     position_m = (subject.position_m[objects.instant] + objects.offset_m)[order]
     row = objects.row[order]
-    found = _between(time_s[order], episode[order], interval_s)
-    instant = found.instant - first
+    samples = _between(time_s[order], episode[order], interval_s)
+    instant = samples.instant - first
     seen = (instant >= 0) & (instant < len(valid))
     seen &= valid[np.clip(instant, 0, max(len(valid) - 1, 0))] if len(valid) else False
     instant = instant[seen]
     return ObjectTable(
         instant=instant,
-        track=objects.track[order][found.before][seen],
-        row=found.nearest(row)[seen],
-        offset_m=found.linear(position_m)[seen] - subject_position_m[instant],
-        speed_mps=found.linear(objects.speed_mps[order])[seen],
-        lateral_m=found.linear_in_row(objects.lateral_m[order], row)[seen],
+        track=objects.track[order][samples.before][seen],
+        row=samples.nearest(row)[seen],
+        offset_m=samples.linear(position_m)[seen] - subject_position_m[instant],
+        speed_mps=samples.linear(objects.speed_mps[order])[seen],
+        lateral_m=samples.linear_in_row(objects.lateral_m[order], row)[seen],
     )
 
 

@@ -90,7 +90,7 @@ class DriveLog:
         return to_even_clock(self.subject, self.objects, self.episode, interval_s, longest_gap_s)
 
     def frames(self, interval_s: float, least_places: int = 96) -> PerceptionFrame:
-        """Return what the subject vehicle detected at the multiples of an interval.
+        """What the subject vehicle detected at the multiples of an interval.
 
         Args:
             interval_s: interval of the clock.

@@ -27,7 +27,7 @@ def refuse_lanes(
     log_row: np.ndarray,
     lane: np.ndarray,
     is_considered: np.ndarray,
-    found: LaneMatch,
+    lanes: LaneMatch,
 ) -> int:
     """Raise a CaseError for the first row whose lane the road does not have, and return how many are only misplaced.
 
@@ -39,15 +39,15 @@ def refuse_lanes(
         log_row: number of each row in it, counted from 0.
         lane: lane of each row.
         is_considered: whether a row counts.
-        found: what its lane means.
+        lanes: what its lane means.
     """
-    is_wrong, is_misplaced = is_considered & found.no_such_lane, is_considered & found.misplaced
+    is_wrong, is_misplaced = is_considered & lanes.no_such_lane, is_considered & lanes.misplaced
     if is_misplaced.sum() <= MOST_MISPLACED * is_considered.sum():
         is_wrong &= ~is_misplaced
     if not np.any(is_wrong):
         return int(is_misplaced.sum())
     index = int(np.argmax(is_wrong))
-    name, num_lanes = geometry.edges[found.edge[index]], geometry.num_lanes[found.edge[index]]
+    name, num_lanes = geometry.edges[lanes.edge[index]], geometry.num_lanes[lanes.edge[index]]
     expected = f"expected 1 to {num_lanes}, the lanes of edge {quote(name)}, got {lane[index]}."
     raise CaseError(file, row_place(int(log_row[index]), "lane"), expected)
 

@@ -122,7 +122,7 @@ def clean_tracks(
 def _jumps(
     time_s: np.ndarray, is_first: np.ndarray, offset_m: np.ndarray, speed_mps: np.ndarray, rules: CleaningRules
 ) -> np.ndarray:
-    """Return whether a row begins with a jump; rows sorted by vehicle and time."""
+    """Whether a row begins with a jump; rows sorted by vehicle and time."""
     step_s = np.diff(time_s, prepend=time_s[0])
     farthest_m = rules.fastest_relative_mps * np.maximum(step_s, rules.least_jump_time_s)
     is_jump = ~is_first & (np.abs(np.diff(offset_m, prepend=offset_m[0])) > farthest_m)

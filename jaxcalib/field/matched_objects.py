@@ -110,7 +110,7 @@ def match_objects(
 def _instants(
     log: ObjectLog, subject_log: SubjectLog, subject: MatchedSubject
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return for each row that of the subject vehicle, -1 where it has no place, how late the row is, whether it fits.
+    """For each row that of the subject vehicle, -1 where it has no place, how late the row is, whether it fits.
 
     Raises:
         CaseError: most rows do not fit.
@@ -131,7 +131,7 @@ def _instants(
 def _nearest_of_each_instant(
     instant: np.ndarray, vehicle: np.ndarray, late_s: np.ndarray, keep: np.ndarray
 ) -> np.ndarray:
-    """Return which rows to keep where objects were sampled more often than the subject vehicle."""
+    """Which rows to keep where objects were sampled more often than the subject vehicle."""
     rows = np.flatnonzero(keep)
     rows = rows[np.lexsort((late_s[rows], vehicle[rows], instant[rows]))]
     is_first = (np.diff(instant[rows], prepend=-1) != 0) | (np.diff(vehicle[rows], prepend=-1) != 0)
@@ -144,13 +144,13 @@ def _object_warnings(
     log: ObjectLog, rows_without_subject: int, rows_without_place: int, rows_misplaced: int, num_contradicting: int
 ) -> tuple[str, ...]:
     name, num_rows = log.file.name, len(log.time_s)
-    found = [
+    counts = [
         (rows_without_subject, "rows have a time at which the subject vehicle has none or no place; left out"),
         (rows_without_place, "rows have no distance, no speed, or neither lane nor place across; left out"),
         (rows_misplaced, "rows have a lane that the road has only a little before or farther on; left out"),
         (num_contradicting, "rows have a lane other than their place across; the lane counts"),
     ]
-    warnings = [f"{name}: {count} of {num_rows} {what}." for count, what in found if count]
+    warnings = [f"{name}: {count} of {num_rows} {what}." for count, what in counts if count]
     if not num_rows:
         warnings.append(f"{name}: no rows; measures of the background have nothing to go by.")
     return tuple(warnings + unread_columns(log.extra_columns, name))

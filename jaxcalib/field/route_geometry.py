@@ -7,8 +7,8 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from sim_adapters.scenario.road_builder import RowMap
+from sim_adapters.scenario.route_network import RouteNetwork
 
-NO_PROJECTION = ("!", "-", "")
 SAMPLE_M = 1.0  # distance of the points that the nearest lane is looked up among
 
 
@@ -111,16 +111,20 @@ def build_route_geometry(row_map: RowMap) -> RouteGeometry:
         row_of_lane=row_of_lane,
         lane_centre_m=centre_m,
         lane_width_m=width_m,
-        projection=_projection(net),
+        projection=_projection(network),
         net_offset_m=tuple(net.getLocationOffset()),
     )
 
 
-def _projection(net: Any) -> Any:
-    """The network's projection; None where it has none: SUMO writes "!" or "-" then."""
-    if net._location["projParameter"].strip() in NO_PROJECTION:
+def _projection(network: RouteNetwork) -> Any:
+    """The projection from longitude and latitude in degrees to the network's plane, less its offset.
+
+    None where there is none ("!"), or one that only SUMO knows ("-", "UTM").
+    """
+    try:
+        return network.net.getGeoProj()
+    except (KeyError, RuntimeError):  # no <location>; what PROJ cannot read
         return None
-    return net.getGeoProj()
 
 
 def _lane_pieces(row_map: RowMap, number: int, index: int) -> list[tuple[np.ndarray, float, float]]:

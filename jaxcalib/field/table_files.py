@@ -62,7 +62,7 @@ class ColumnTable:
 
 
 def row_place(index: int, column: str = "") -> str:
-    """Return how messages name the place of a data row, counted from 0 here."""
+    """Name in messages of a data row, counted from 0 here."""
     return f"row {index + FIRST_DATA_ROW}" + (f", column {column}" if column else "")
 
 
@@ -200,8 +200,8 @@ def _csv_header(file: Path, columns: Mapping[str, Kind], limit: SizeLimit) -> li
 def _check_header(file: Path, header: Sequence[str], columns: Mapping[str, Kind]) -> tuple[str, ...]:
     for column in columns:
         if column not in header:
-            found = ", ".join(shorten(name, 30) for name in header)
-            raise CaseError(file, f"column {column}", f"expected this column; the file has {found or 'none'}.")
+            names = ", ".join(shorten(name, 30) for name in header)
+            raise CaseError(file, f"column {column}", f"expected this column; the file has {names or 'none'}.")
         if list(header).count(column) > 1:
             raise CaseError(file, f"column {column}", "expected this column once, got it twice.")
     return tuple(name for name in header if name not in columns)
@@ -209,8 +209,8 @@ def _check_header(file: Path, header: Sequence[str], columns: Mapping[str, Kind]
 
 def _csv_error(file: Path, header: Sequence[str], message: str) -> CaseError:
     """Say the same as pyarrow in our words."""
-    found = re.search(r"Row #(\d+)", message)
-    row = f"row {found.group(1)}" if found else ""
+    match = re.search(r"Row #(\d+)", message)
+    row = f"row {match.group(1)}" if match else ""
     if wrong := re.match(r"In CSV column #(\d+): .*CSV conversion error to \w+: (.*)", message, re.DOTALL):
         column = header[int(wrong.group(1))]
         place = ", ".join(filter(None, [row, f"column {column}"]))
@@ -262,13 +262,13 @@ def _check_words(file: Path, column: str, values: pa.Array) -> None:
         raise CaseError(file, f"column {column}", f"expected texts of at most {LONGEST_TEXT} bytes, got {longest}.")
 
 
-def _check_type(file: Path, column: str, kind: Kind, found: pa.DataType) -> None:
-    if pa.types.is_dictionary(found):
-        found = found.value_type
-    is_number = pa.types.is_integer(found) or pa.types.is_floating(found) or pa.types.is_decimal(found)
-    is_text = pa.types.is_string(found) or pa.types.is_large_string(found) or pa.types.is_string_view(found)
-    nothing = pa.types.is_null(found)  # a column without any value
+def _check_type(file: Path, column: str, kind: Kind, given: pa.DataType) -> None:
+    if pa.types.is_dictionary(given):
+        given = given.value_type
+    is_number = pa.types.is_integer(given) or pa.types.is_floating(given) or pa.types.is_decimal(given)
+    is_text = pa.types.is_string(given) or pa.types.is_large_string(given) or pa.types.is_string_view(given)
+    nothing = pa.types.is_null(given)  # a column without any value
     if kind == "number" and not (is_number or nothing):
-        raise CaseError(file, f"column {column}", f"expected numbers, got {found}.")
-    if kind == "text" and not (is_text or nothing or pa.types.is_integer(found)):
-        raise CaseError(file, f"column {column}", f"expected text or whole numbers, got {found}.")
+        raise CaseError(file, f"column {column}", f"expected numbers, got {given}.")
+    if kind == "text" and not (is_text or nothing or pa.types.is_integer(given)):
+        raise CaseError(file, f"column {column}", f"expected text or whole numbers, got {given}.")

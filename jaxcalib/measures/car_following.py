@@ -26,7 +26,7 @@ class CarFollowing(Fold):
     """Car-following of the subject vehicle and of the background traffic."""
 
     def names(self) -> tuple[str, ...]:
-        """Return the names of the tallies."""
+        """Names of the tallies."""
         names: list[str] = []
         for actor in ("subject", "background"):
             names += [f"{actor}_{part}" for part in _SUMS]
@@ -37,7 +37,7 @@ class CarFollowing(Fold):
         return tuple(names)
 
     def count(self, scene: Scene) -> dict[str, Array]:
-        """Return what a scene adds."""
+        """A scene's part of the tallies."""
         counted: dict[str, Array] = {}
         for actor, is_actor in (("subject", scene.is_subject & scene.is_vehicle), ("background", scene.is_background)):
             counted |= _sums(scene, actor, is_actor)
@@ -54,11 +54,11 @@ class CarFollowing(Fold):
         return counted
 
     def track_names(self) -> tuple[str, ...]:
-        """Return what is summed for each vehicle."""
+        """Names of the sums over frames for each vehicle."""
         return ("following_frames", "headway_s", "gap_s")
 
     def count_per_track(self, scene: Scene) -> dict[str, Float[Array, " object"]]:
-        """Return what a scene adds for each vehicle."""
+        """A scene's part of these sums."""
         follows = scene.is_background & scene.is_following
         speed = jnp.maximum(scene.frame.object_speed_mps, scene.settings.least_speed_mps)
         return {

@@ -19,11 +19,11 @@ class CutIn(Fold):
     """
 
     def names(self) -> tuple[str, ...]:
-        """Return the names of the tallies."""
+        """Names of the tallies."""
         return ("cut_ins", "cut_in_gap_m", "cut_in_gap_squared", "cut_in_speed_difference", "cut_outs")
 
     def count(self, scene: Scene) -> dict[str, Array]:
-        """Return what a scene adds."""
+        """A scene's part of the tallies."""
         frame = scene.frame
         subject_stays = scene.at_subject((scene.is_tracked & ~scene.changes_lane).astype(jnp.float32)) > 0
         subject_row = scene.at_subject(frame.object_row.astype(jnp.float32))

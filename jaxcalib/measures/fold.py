@@ -22,22 +22,22 @@ class Fold(eqx.Module):
 
     @abc.abstractmethod
     def names(self) -> tuple[str, ...]:
-        """Return the names of the tallies."""
+        """Names of the tallies."""
 
     @abc.abstractmethod
     def count(self, scene: Scene) -> dict[str, Array]:
-        """Return what a scene adds to the tallies, by name; tallies left out get nothing."""
+        """A scene's part of the tallies, by name; tallies left out get nothing."""
 
     def track_names(self) -> tuple[str, ...]:
-        """Return the names of what is summed for each vehicle."""
+        """Names of the sums over frames for each vehicle."""
         return ()
 
     def count_per_track(self, scene: Scene) -> dict[str, Float[Array, " object"]]:
-        """Return what a scene adds for each of its vehicles."""
+        """A scene's part of these sums."""
         return {}
 
     def settle(self, tracks: dict[str, Float[Array, " track"]]) -> dict[str, Array]:
-        """Return what the sums of all vehicles add to the tallies when the drive is over."""
+        """What the sums of all vehicles add to the tallies when the drive is over."""
         return {}
 
 
@@ -52,7 +52,7 @@ def by_index(name: str, values: Float[Array, " index"]) -> dict[str, Array]:
 
 
 def within(values: Float[Array, " object"], border: Float[Array, " border"]) -> Bool[Array, "class object"]:
-    """Return between which two borders each value lies, the lower one included."""
+    """Between which two borders each value lies, the lower one included."""
     return (values >= border[:-1, None]) & (values < border[1:, None])
 
 

@@ -31,7 +31,7 @@ class LaneChange(Fold):
     num_target_gap_classes: int = eqx.field(static=True)
 
     def names(self) -> tuple[str, ...]:
-        """Return the names of the tallies."""
+        """Names of the tallies."""
         names: list[str] = []
         for actor in ("subject", "background"):
             names += [f"{actor}_{part}" for part in _SUMS]
@@ -44,7 +44,7 @@ class LaneChange(Fold):
         return tuple(names)
 
     def count(self, scene: Scene) -> dict[str, Array]:
-        """Return what a scene adds."""
+        """A scene's part of the tallies."""
         counted: dict[str, Array] = {}
         for actor, is_actor in (("subject", scene.is_subject), ("background", scene.is_background)):
             changes = is_actor & scene.changes_lane
@@ -63,7 +63,7 @@ class LaneChange(Fold):
         return counted
 
     def _life_table(self, scene: Scene, actor: str, changes: Array) -> dict[str, Array]:
-        """Return how many gaps end in each class, and of how many nothing is seen beyond it."""
+        """Number of gaps that end in each class, and of those of which nothing is seen beyond it."""
         seen = jnp.maximum(scene.seen_target_gap_m, 0.0)  # an overlap is no gap
         low = TARGET_GAP_CLASS_M * jnp.arange(self.num_target_gap_classes, dtype=jnp.float32)
         in_class = (seen >= low[:, None]) & (seen < low[:, None] + TARGET_GAP_CLASS_M)
@@ -74,11 +74,11 @@ class LaneChange(Fold):
         return counted | by_index(f"{name}_censored", sums_by_class(in_class, censored))
 
     def track_names(self) -> tuple[str, ...]:
-        """Return what is summed for each vehicle."""
+        """Names of the sums over frames for each vehicle."""
         return ("target_gaps", "target_gap_m")
 
     def count_per_track(self, scene: Scene) -> dict[str, Float[Array, " object"]]:
-        """Return what a scene adds for each vehicle."""
+        """A scene's part of these sums."""
         known = scene.is_background & scene.changes_lane & jnp.isfinite(scene.target_gap_m)
         return {
             "target_gaps": known.astype(jnp.float32),
@@ -96,7 +96,7 @@ class LaneChange(Fold):
 
 
 def num_target_gap_classes(ahead_m: float, behind_m: float, nominal_length_m: float) -> int:
-    """Return how many classes lie within what sensors see of a gap beside them whatever its length."""
+    """Number of classes within what sensors see of a gap beside them whatever its length."""
     return max(int((min(ahead_m, behind_m) - nominal_length_m) / TARGET_GAP_CLASS_M), 1)
 
 

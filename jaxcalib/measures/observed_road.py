@@ -87,7 +87,7 @@ def _section_borders(scenario: Scenario) -> np.ndarray:
 
 
 def _lateral_order(row_map: RowMap) -> np.ndarray:
-    """Return for each row how far left it lies: lanes to its right, averaged over where it is on the carriageway.
+    """For each row how far left it lies: lanes to its right, averaged over where it is on the carriageway.
 
     Auxiliary lanes shift the numbers of all others; counting from the left of the carriageway removes that shift.
     """
@@ -97,6 +97,6 @@ def _lateral_order(row_map: RowMap) -> np.ndarray:
         if edge in network.main_edges:
             from_left.setdefault(row, []).append(network.lane_count[edge] - 1 - index)
     order = np.zeros(row_map.num_rows)
-    for row, places in from_left.items():
-        order[row] = -float(np.mean(places))
+    for row, lanes_from_left in from_left.items():
+        order[row] = -float(np.mean(lanes_from_left))
     return order - order.min()

@@ -15,7 +15,7 @@ class Overtaking(Fold):
     """Vehicles that pass the subject vehicle, and that it passes: their offset changes sign between two frames."""
 
     def names(self) -> tuple[str, ...]:
-        """Return the names of the tallies."""
+        """Names of the tallies."""
         return (
             "overtaken",
             "overtaken_left",
@@ -26,7 +26,7 @@ class Overtaking(Fold):
         )
 
     def count(self, scene: Scene) -> dict[str, Array]:
-        """Return what a scene adds."""
+        """A scene's part of the tallies."""
         frame = scene.frame
         order = scene.settings.road.lateral_order.at[frame.object_row].get(mode="promise_in_bounds")
         side = order - scene.at_subject(order)

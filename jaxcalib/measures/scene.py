@@ -128,7 +128,7 @@ OFF_CENTRE_M = 0.4  # further from the centre of the lane, a vehicle is changing
 
 
 def look(frame: PerceptionFrame, memory: Memory, previous_s: Float[Array, ""], settings: MeasureSettings) -> Scene:
-    """Return what can be seen in a frame.
+    """The scene of a frame.
 
     Args:
         frame: the frame.

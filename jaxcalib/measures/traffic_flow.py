@@ -26,7 +26,7 @@ class TrafficFlow(Fold):
     num_rows: int = eqx.field(static=True)
 
     def names(self) -> tuple[str, ...]:
-        """Return the names of the tallies."""
+        """Names of the tallies."""
         return (
             "vehicle_frames",
             "vehicle_speed",
@@ -45,7 +45,7 @@ class TrafficFlow(Fold):
         )
 
     def count(self, scene: Scene) -> dict[str, Array]:
-        """Return what a scene adds."""
+        """A scene's part of the tallies."""
         frame, road = scene.frame, scene.settings.road
         is_vehicle = scene.is_vehicle.astype(jnp.float32)
         speed = jnp.where(scene.is_vehicle, frame.object_speed_mps, 0.0)
@@ -66,11 +66,11 @@ class TrafficFlow(Fold):
         }
 
     def track_names(self) -> tuple[str, ...]:
-        """Return what is summed for each vehicle."""
+        """Names of the sums over frames for each vehicle."""
         return ("frames", "speed", "speed_squared", "free_frames", "free_speed")
 
     def count_per_track(self, scene: Scene) -> dict[str, Float[Array, " object"]]:
-        """Return what a scene adds for each vehicle."""
+        """A scene's part of these sums."""
         background = scene.is_background.astype(jnp.float32)
         free = (scene.is_background & scene.is_free).astype(jnp.float32)
         speed = scene.frame.object_speed_mps
@@ -103,7 +103,7 @@ class SubjectTravel(Fold):
     num_sections: int = eqx.field(static=True)
 
     def names(self) -> tuple[str, ...]:
-        """Return the names of the tallies."""
+        """Names of the tallies."""
         return (
             "drives",
             "subject_frames",
@@ -115,14 +115,13 @@ class SubjectTravel(Fold):
         )
 
     def count(self, scene: Scene) -> dict[str, Array]:
-        """Return what a scene adds. Distance is speed times interval: positions may be measured less well."""
+        """A scene's part of the tallies. Distance is speed times interval: positions may be measured less well."""
         frame = scene.frame
-        one = jnp.asarray(1.0)
         in_section = within(frame.subject_position_m[None], scene.settings.road.section_border_m)[:, 0]
         section = in_section.astype(jnp.float32)
         return {
             "drives": jnp.where(scene.interval_s == 0, 1.0, 0.0),
-            "subject_frames": one,
+            "subject_frames": jnp.asarray(1.0),
             "subject_time_s": scene.interval_s,
             "subject_distance_m": scene.interval_s * frame.subject_speed_mps,
             "subject_acceleration_squared": frame.subject_acceleration_mps2**2,

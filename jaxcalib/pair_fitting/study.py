@@ -12,6 +12,7 @@ import pandas as pd
 from jaxcalib.pair_fitting.batch import DESIRED_SPEED
 from jaxcalib.pair_fitting.fit import PairFit, fit_pairs, mixed_errors
 from jaxcalib.pair_fitting.recorded_pairs import FEWEST_STEPS, RecordedPair
+from sim_adapters.atomic_file import write_atomically
 from surrogate.vehicle.model_entry import ModelEntry
 
 QUANTILES = (0.1, 0.25, 0.5, 0.75, 0.9)
@@ -48,7 +49,8 @@ class PairStudy:
     def write(self, folder: Path) -> None:
         """Write pairs.csv and population.json."""
         folder.mkdir(parents=True, exist_ok=True)
-        self.table.to_csv(folder / "pairs.csv", index=False, float_format="%.6g")
+        rows = self.table.to_csv(index=False, float_format="%.6g")
+        write_atomically(folder / "pairs.csv", lambda stream: stream.write(rows.encode()))
         content = {
             "model": self.model,
             "num_pairs": len(self.table),
@@ -58,7 +60,7 @@ class PairStudy:
             "dropped": self.dropped,
         }
         text = json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False)
-        (folder / "population.json").write_text(text + "\n", encoding="utf-8")
+        write_atomically(folder / "population.json", lambda stream: stream.write(f"{text}\n".encode()))
 
 
 def study_pairs(

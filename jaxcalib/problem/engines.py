@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxcalib.problem.problem import CalibrationProblem
+from jaxcalib.runs.disk import writing_to_scratch
 from sim_adapters.jax.program_store import program_store
 from sim_adapters.jax.simulator import JaxSimulator
 from sim_adapters.sumo.distant import DistantTypes
@@ -81,19 +82,20 @@ def sumo_engine(
     """
     perception, clock = problem.case.perception, _clock(problem)
     plan = RunPlan(clock, 0, round(problem.frame_interval_s / clock.step_s))
-    return SumoSimulator(
-        scenario=problem.scenario,
-        layout=problem.layout,
-        fold=fold or problem.fold,
-        sensor=SensorRange(perception.ahead_m, perception.behind_m),
-        subject_vehicle=problem.parts.subject.vehicle,
-        frame_interval_s=problem.frame_interval_s,
-        end_s=problem.parts.scenario.duration_s,
-        num_processes=num_processes,
-        counter=counter,
-        control=lambda request: subject_control(problem.template, request, clock, plan.steps_before_decision),
-        distant=_distant_types(problem, clock, plan.steps_before_decision),
-    )
+    with writing_to_scratch():
+        return SumoSimulator(
+            scenario=problem.scenario,
+            layout=problem.layout,
+            fold=fold or problem.fold,
+            sensor=SensorRange(perception.ahead_m, perception.behind_m),
+            subject_vehicle=problem.parts.subject.vehicle,
+            frame_interval_s=problem.frame_interval_s,
+            end_s=problem.parts.scenario.duration_s,
+            num_processes=num_processes,
+            counter=counter,
+            control=lambda request: subject_control(problem.template, request, clock, plan.steps_before_decision),
+            distant=_distant_types(problem, clock, plan.steps_before_decision),
+        )
 
 
 def _distant_types(problem: CalibrationProblem, clock: Clock, first_step: int) -> DistantTypes | None:

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxcalib.runs.disk import checked_disk
+from jaxcalib.runs.disk import checked_disk, writing_to_scratch
 from jaxcalib.runs.parts import Parts
 from sim_adapters.interface import ParameterLayout, RunOutcome, RunRequest, Status
 from sim_adapters.jax.simulator import JaxSimulator
@@ -145,14 +145,16 @@ class JournaledSumo:
         """
         known = [self._journal.find("sumo", request) for request in requests]
         missing = [request for request, outcome in zip(requests, known, strict=True) if outcome is None]
-        waiting = self._simulator.submit(missing)
+        with writing_to_scratch():
+            waiting = self._simulator.submit(missing)
 
         def wait() -> list[RunOutcome]:
             outcomes = []
             began = time.perf_counter()
             for outcome in known:
                 if outcome is None:
-                    (made,) = checked_disk([next(waiting)()])
+                    with writing_to_scratch():  # a run that failed is made again
+                        (made,) = checked_disk([next(waiting)()])
                     now = time.perf_counter()
                     self._journal.add("sumo", [made], now - began)
                     began = now

@@ -28,8 +28,14 @@ class Parts:
 
     @classmethod
     def begin(cls, folder: Path) -> "Parts":
-        """Return the parts of a folder, which is made if it is not there."""
-        folder.mkdir(parents=True, exist_ok=True)
+        """Return the parts of a folder, which is made if it is not there.
+
+        Raises:
+            ResourceError: the disk is full.
+            CaseError: the folder cannot be made.
+        """
+        with writing_to(folder):
+            folder.mkdir(parents=True, exist_ok=True)
         return cls(folder)
 
     def names(self, pattern: str) -> list[str]:

@@ -14,6 +14,7 @@ import sim_adapters
 import surrogate
 from jaxcalib.case.case import Case
 from jaxcalib.errors import CaseError, quote
+from jaxcalib.runs.disk import writing_to
 from jaxcalib.runs.journal import Journal
 from sim_adapters.atomic_file import write_atomically
 
@@ -45,8 +46,13 @@ class RunFolder:
         self._lock.release()
 
     def write_text(self, name: str, text: str) -> None:
-        """Write a file of the folder as a whole."""
-        write_atomically(self.path / name, lambda file: file.write(text.encode()))
+        """Write a file of the folder as a whole.
+
+        Raises:
+            CaseError, ResourceError: the disk does not take it.
+        """
+        with writing_to(self.path):
+            write_atomically(self.path / name, lambda file: file.write(text.encode()))
 
 
 def open_run_folder(path: Path, identity: dict[str, str], resume: bool) -> RunFolder:
@@ -58,7 +64,9 @@ def open_run_folder(path: Path, identity: dict[str, str], resume: bool) -> RunFo
         resume: whether to go on with what is there.
 
     Raises:
-        CaseError: the folder belongs to something else, is in use, or has been begun and `resume` is not set.
+        CaseError: the folder belongs to something else, is in use, cannot be written to, or has been begun and
+            `resume` is not set.
+        ResourceError: the disk is full.
     """
     if path.exists() and not path.is_dir():
         raise CaseError(path, "", "expected a folder, or a path where none is yet.")
@@ -67,16 +75,17 @@ def open_run_folder(path: Path, identity: dict[str, str], resume: bool) -> RunFo
         raise CaseError(path, "", "expected an empty folder, or one that a run was begun in.")
     if file.is_file():
         _check_begun(file, identity, resume)
-    path.mkdir(parents=True, exist_ok=True)
-    lock = FileLock(path / ".lock")
-    try:
-        lock.acquire(timeout=0)
-    except Timeout:
-        raise CaseError(path, "", "expected a folder that nobody else uses; another run goes on in it.") from None
-    if not file.is_file():
-        text = json.dumps(identity, indent=1) + "\n"
-        write_atomically(file, lambda stream: stream.write(text.encode()))
-    return RunFolder(path, lock, Journal(path / "journal"))
+    with writing_to(path):
+        path.mkdir(parents=True, exist_ok=True)
+        lock = FileLock(path / ".lock")
+        try:
+            lock.acquire(timeout=0)
+        except Timeout:
+            raise CaseError(path, "", "expected a folder that nobody else uses; another run goes on in it.") from None
+        if not file.is_file():
+            text = json.dumps(identity, indent=1) + "\n"
+            write_atomically(file, lambda stream: stream.write(text.encode()))
+        return RunFolder(path, lock, Journal(path / "journal"))
 
 
 def identify(case: Case, options: dict[str, Any], more_packages: Sequence[Path] = ()) -> dict[str, str]:

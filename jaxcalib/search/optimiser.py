@@ -107,11 +107,13 @@ class RoundInfo:
         num_failed: candidates that failed.
         status: where the search stands. After a final one nothing is to be gained nearby: who asks on gets nothing, or
             a search that begins anew elsewhere.
+        best: the optimiser's own answer so far, in the unit cube; None where it is the best candidate seen.
         details: what the optimiser has to say besides.
     """
 
     num_failed: int
     status: SearchStatus = SearchStatus.RUNNING
+    best: Float[np.ndarray, " parameter"] | None = None
     details: Any = None
 
 

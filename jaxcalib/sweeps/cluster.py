@@ -13,16 +13,19 @@ from typing import Any, cast
 
 from distributed import Client, Future, KilledWorker
 
+from jaxcalib.calibration.confirmation.scenario_check import refuse_failed, scenario_requests
 from jaxcalib.errors import CaseError, ResourceError
 from jaxcalib.problem.problem import CalibrationProblem
 from jaxcalib.runs.disk import checked_disk
 from jaxcalib.sweeps import cluster_worker
 from jaxcalib.sweeps.local_engines import Done
 from jaxcalib.sweeps.plan import Engine, SweepPlan
+from sim_adapters.interface import RunRequest
 
 ANSWER_S = 15.0  # a scheduler that takes longer does not answer
 WORKERS_S = 60.0  # the longest that a cluster may be without any worker
 TASKS_PER_WORKER = 2  # one at work, one waiting
+SCENARIO_CHECK = -1  # number of the block that is no part of the sweep: runs of the scenario as it is
 KEPT = "Rows made so far are kept; give the same command again to go on."
 
 
@@ -42,6 +45,7 @@ class ClusterEngine:
             ResourceError: nobody answers there, or no worker comes.
         """
         self._address = address
+        self._problem = problem
         self._engine = engine
         self._identity = identity
         self._case = archive_of(problem)
@@ -58,29 +62,38 @@ class ClusterEngine:
         Raises:
             ResourceError: the cluster is gone, or a block has killed one worker after another.
             CaseError: a worker has another version of the program.
+            AllRunsFailedError: SUMO cannot run the scenario as it is.
         """
         waiting = iter(blocks)
         case = self._client.submit(cluster_worker.keep, self._case, pure=False)
         block_of: dict[object, int] = {}
         done: queue.SimpleQueue[Future] = queue.SimpleQueue()
 
+        def send(block: int, requests: list[RunRequest]) -> None:
+            task = self._client.submit(
+                cluster_worker.run_block, case, self._identity, self._engine, requests, pure=False
+            )
+            block_of[task.key] = block
+            task.add_done_callback(done.put)
+
         def send_more() -> None:
             most = TASKS_PER_WORKER * max(1, self._num_workers())
             while len(block_of) < most and (block := next(waiting, None)) is not None:
-                task = self._client.submit(
-                    cluster_worker.run_block, case, self._identity, self._engine, plan.requests(block), pure=False
-                )
-                block_of[task.key] = block
-                task.add_done_callback(done.put)
+                send(block, plan.requests(block))
 
+        if self._engine == "sumo":
+            send(SCENARIO_CHECK, scenario_requests(self._problem, plan.first_seed))
         send_more()
         while block_of:
             task = self._next(done)
             block = block_of.pop(task.key)
-            made = self._result(task, block)
+            made = checked_disk(self._result(task, block))
             task.release()
             send_more()
-            yield block, checked_disk(made)
+            if block == SCENARIO_CHECK:
+                refuse_failed(made)
+            else:
+                yield block, made
 
     def close(self) -> None:
         """Leave the cluster; tasks that wait there are dropped."""

@@ -2,12 +2,13 @@
 
 import collections
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Protocol
 
+from jaxcalib.calibration.confirmation.scenario_check import start_scenario_check
 from jaxcalib.problem.engines import SPARE_CAPACITY, sumo_engine, surrogate_engine
 from jaxcalib.problem.problem import CalibrationProblem
-from jaxcalib.runs.disk import checked_disk
+from jaxcalib.runs.disk import checked_disk, writing_to_scratch
 from jaxcalib.sweeps.plan import Engine, SweepPlan
 from sim_adapters.interface import RunOutcome, RunRequest, Status
 from sim_adapters.jax.simulator import JaxSimulator
@@ -119,20 +120,37 @@ class LocalSumo:
 
     def __init__(self, problem: CalibrationProblem, num_processes: int | None = None) -> None:
         """Start the pool."""
+        self._problem = problem
         self._simulator = sumo_engine(problem, num_processes)
 
     def outcomes(self, plan: SweepPlan, blocks: Iterable[int]) -> Iterator[Done]:
-        """Make all runs of blocks; the next ones wait in the pool, so that no process idles."""
+        """Make all runs of blocks; the next ones wait in the pool, so that no process idles.
+
+        Raises:
+            AllRunsFailedError: SUMO cannot run the scenario as it is; said before any block is done.
+        """
+        check = start_scenario_check(self._problem, plan.first_seed, self._start)
         ahead = 1 + -(-2 * self._simulator.num_processes // plan.block_rows)
         pending: collections.deque = collections.deque()
         waiting = iter(blocks)
         while True:
             while len(pending) < ahead and (block := next(waiting, None)) is not None:
-                pending.append((block, self._simulator.submit(plan.requests(block))))
+                pending.append((block, self._start(plan.requests(block))))
             if not pending:
                 return
-            block, runs = pending.popleft()
-            yield block, checked_disk([run() for run in runs])
+            check()
+            block, wait = pending.popleft()
+            yield block, wait()
+
+    def _start(self, requests: Sequence[RunRequest]) -> Callable[[], list[RunOutcome]]:
+        with writing_to_scratch():
+            runs = self._simulator.submit(requests)
+
+        def wait() -> list[RunOutcome]:
+            with writing_to_scratch():  # a run that failed is made again
+                return checked_disk([run() for run in runs])
+
+        return wait
 
     def close(self) -> None:
         """End the processes and remove their files."""

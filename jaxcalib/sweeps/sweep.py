@@ -12,7 +12,7 @@ import pyarrow.parquet as pq
 from jaxcalib.errors import CaseError, quote
 from jaxcalib.problem.problem import read_problem
 from jaxcalib.problem.settings import Settings
-from jaxcalib.runs.disk import writing_to
+from jaxcalib.runs.disk import check_out, check_outside, writing_to
 from jaxcalib.runs.progress import Silent
 from jaxcalib.runs.run_folder import identify
 from jaxcalib.runs.sweep_progress import SweepProgress
@@ -115,6 +115,8 @@ def make_sweep(case: Path | str, out: Path | str, options: SweepOptions, progres
     if options.resume and not store.is_begun:
         expected = "expected a sweep that was begun; there is none. Leave --resume out to begin one."
         raise CaseError(store.table, "", expected)
+    if not store.is_complete:
+        check_out(store.table.parent)
     prepared = prepare_sweep(case, options)
     with store:
         description = store.begin(prepared.description(), prepared.identity)
@@ -174,6 +176,8 @@ def merge_shards(out: Path | str, case: Path | str | None = None) -> SweepResult
     store = SweepStore(table)
     if not store.is_begun:
         raise CaseError(table, "", "expected a sweep that was begun; there is none.")
+    if not store.is_complete:
+        check_out(table.parent)
     problem = None if case is None else read_problem(case)
     description = store.description()
     if problem is not None:
@@ -230,8 +234,8 @@ def _result(
 def _table_path(out: Path, case: Path) -> Path:
     if out.suffix.lower() != ".parquet":
         raise CaseError("command line", "--out", f"expected a name that ends in .parquet, got {quote(out.name)}.")
-    if out.is_dir():
-        raise CaseError(out, "", "expected the name of a table, got a folder.")
-    if out.resolve().is_relative_to(case.resolve()):
-        raise CaseError(out, "", "expected a place outside the case's folder.")
+    check_outside(out, case)
+    with writing_to(out):
+        if out.is_dir():
+            raise CaseError(out, "", "expected the name of a table, got a folder.")
     return out

@@ -8,6 +8,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from jaxcalib.calibration.confirmation.scenario_check import start_scenario_check
 from jaxcalib.calibration.result.result import rounded, to_json
 from jaxcalib.calibration.result.simulation_health import health_of
 from jaxcalib.calibration.stages.evaluator import AllRunsFailedError, gather
@@ -15,7 +16,7 @@ from jaxcalib.case.case import Role
 from jaxcalib.errors import CaseError
 from jaxcalib.problem.engines import prepare_devices, sumo_engine
 from jaxcalib.problem.problem import CalibrationProblem, read_problem
-from jaxcalib.runs.disk import writing_to
+from jaxcalib.runs.disk import check_out, check_outside
 from jaxcalib.runs.journal import JournaledSumo
 from jaxcalib.runs.progress import Progress
 from jaxcalib.runs.provenance import commit, versions
@@ -82,23 +83,22 @@ def validate(
     began_s = time.perf_counter()
     if not FEWEST_ROUNDS <= seeds <= MOST_SEEDS:
         raise CaseError("command line", "--seeds", f"expected {FEWEST_ROUNDS} to {MOST_SEEDS}, got {seeds}.")
+    folder = Path(run) / FOLDER if out is None else Path(out)
+    check_outside(folder, Path(case))
+    check_out(folder)
     prepare_devices(len(os.sched_getaffinity(0)))
     problem = read_problem(case)
     calibrated = read_calibrated_run(Path(run), problem)
     role = drives or ("held_out" if problem.departs_s("held_out") else "fit")
     if not problem.departs_s(role):
         raise CaseError("command line", "--drives", f"expected a role that drives of the case have, got {role}.")
-    folder = Path(run) / FOLDER if out is None else Path(out)
     counted = None if counts is None else read_counts(Path(counts), problem)
     options = {
         "validate": list(calibrated.values), "seeds": seeds, "drives": role, "first": calibrated.first_seed,
         "counts": None if counted is None else [list(counted.places), np.nan_to_num(counted.vehicles, nan=-1).tolist()],
     }  # fmt: skip
     identity = identify(problem.case, options)
-    with (
-        writing_to(folder),
-        open_session(folder, identity, progress=progress, resume=resume, began_s=began_s) as session,
-    ):
+    with open_session(folder, identity, progress=progress, resume=resume, began_s=began_s) as session:
         result = _validate(problem, calibrated, role, seeds, counted, session)
         session.folder.write_text("validation.json", to_json(result))
         session.folder.write_text("validation.html", validation_html(result))
@@ -119,8 +119,12 @@ def _validate(
     count_requests = [] if counted is None else _count_requests(calibrated, requests, seeds)
     session.progress.plan(0, len(requests) + len(count_requests))
     session.progress.stage("validation")
-    with sumo_engine(problem, fold=observer) as sumo:
-        outcomes = JournaledSumo(sumo, session.journal).start(requests, session.progress.sumo_runs)()
+    with sumo_engine(problem, fold=observer) as pool:
+        sumo = JournaledSumo(pool, session.journal)
+        check = start_scenario_check(problem, calibrated.first_seed, sumo.start)
+        wait = sumo.start(requests, session.progress.sumo_runs)
+        check()
+        outcomes = wait()
     rounds = complete_rounds(outcomes, len(logs))
     simulated_counts = _counts_of(problem, counted, count_requests, session)
     session.progress.stage("report")

@@ -112,7 +112,7 @@ def put_into(draft: Draft, effects: Mapping[str, EffectSetting]) -> None:
 
 
 def is_expressible(scenario: Scenario, name: str) -> bool:
-    """Return whether SUMO has means for an effect with the drivers of a scenario."""
+    """Whether SUMO has means for an effect with the drivers of a scenario."""
     expression = expression_of(effect_named(name))
     if expression is None:
         return False

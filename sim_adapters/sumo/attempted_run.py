@@ -6,7 +6,7 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from pathlib import Path
 
-from sim_adapters.sumo.job import SumoRun
+from sim_adapters.sumo.job import LOG_FILE, SumoFailedError, SumoRun
 
 log = logging.getLogger(__name__)
 
@@ -45,22 +45,22 @@ class AttemptedRun:
         problem = tail = ""
         for attempt in range(TRIES):
             if attempt:
-                log.warning("SUMO run with seed %d failed (%s); trying it again", self._seed, problem)
+                log.info("SUMO run with seed %d failed (%s); trying it again", self._seed, problem)
                 self._folder, self._future = self._start()
             future, self._future = self._future, None  # it would keep the run
             assert future is not None
             try:
                 return future.result()
             except Exception as error:
-                problem = f"{type(error).__name__}: {error}"
+                problem = str(error) if isinstance(error, SumoFailedError) else f"{type(error).__name__}: {error}"
                 tail = _log_tail(self._folder)
             finally:
                 shutil.rmtree(self._folder, ignore_errors=True)
-        return f"{problem}\n{tail}"
+        return f"{problem}\n{tail}".strip() or "SUMO ended without a word."
 
 
 def _log_tail(folder: Path) -> str:
     try:
-        return (folder / "errors.log").read_text(encoding="utf-8", errors="replace")[-LOG_TAIL_CHARACTERS:]
+        return (folder / LOG_FILE).read_text(encoding="utf-8", errors="replace")[-LOG_TAIL_CHARACTERS:]
     except OSError:
         return ""

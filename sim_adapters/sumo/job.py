@@ -12,6 +12,12 @@ from sim_adapters.sumo.distant import DistantTypes
 if TYPE_CHECKING:  # it loads JAX, which a worker needs only where the subject vehicle has a driver of its own
     from sim_adapters.sumo.driver import SubjectControl
 
+LOG_FILE = "errors.log"  # in the folder of a run
+
+
+class SumoFailedError(RuntimeError):
+    """SUMO's reason to end; its own exceptions hold an object of C++, which cannot be sent to another process."""
+
 
 @dataclass(frozen=True)
 class SumoJob:

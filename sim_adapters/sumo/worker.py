@@ -5,16 +5,19 @@ import ctypes
 import os
 import signal
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import numpy as np
 
 from sim_adapters.sumo.distant import TypeSwitch
-from sim_adapters.sumo.job import SumoJob, SumoRun
+from sim_adapters.sumo.job import LOG_FILE, SumoFailedError, SumoJob, SumoRun
 
 COPY = ".copy"  # in ids of vehicles that stand twice where demand is scaled up
 PR_SET_PDEATHSIG = 1  # of Linux's prctl
+STANDARD_ERROR = 2
+SAYS_NOTHING = "Process Error"  # SUMO's exception where it has said the reason on standard error before
 
 os.environ.setdefault("LIBSUMO_AS_TRACI", "quiet")  # no warning about the version of pyarrow, which is not used here
 
@@ -34,6 +37,7 @@ def run_job(job: SumoJob) -> SumoRun:
     """Make a run and read its output.
 
     Raises:
+        SumoFailedError: SUMO ended by itself; what else it said is in the run's log.
         TruncatedOutputError: the output lacks frames.
     """
     import time
@@ -46,7 +50,6 @@ def run_job(job: SumoJob) -> SumoRun:
         "sumo",
         *("-c", str(job.config), "--seed", str(job.seed)),
         *("--no-step-log", "true", "--duration-log.disable", "true", "--no-warnings", "true"),
-        *("--error-log", str(job.folder / "errors.log")),
         *("--fcd-output", str(output), "--precision", "6"),
         *("--device.fcd.explicit", job.subject_vehicles[0], "--device.fcd.radius", str(job.radius_m)),
         *("--device.fcd.period", str(job.frame_interval_s), "--fcd-output.acceleration", "true"),
@@ -54,11 +57,15 @@ def run_job(job: SumoJob) -> SumoRun:
     ]
     if job.control is not None:
         arguments += ["--collision.action", "warn"]  # SUMO would take a vehicle away that a log leads into another
-    libsumo.start(arguments)
     try:
-        counts = _step_until_subject_left(libsumo, job)
-    finally:
-        libsumo.close()
+        with standard_error_in(job.folder / LOG_FILE):
+            libsumo.start(arguments)
+            try:
+                counts = _step_until_subject_left(libsumo, job)
+            finally:
+                libsumo.close()
+    except (libsumo.TraCIException, libsumo.FatalTraCIError) as error:
+        raise SumoFailedError(str(error).removeprefix(SAYS_NOTHING)) from None
     frames = _read_frames(output, job)
     found = int(np.sum(frames["vehicle"] < 0))
     if found != counts["num_frames"]:
@@ -67,6 +74,25 @@ def run_job(job: SumoJob) -> SumoRun:
         )
     del counts["num_frames"]
     return SumoRun(**frames, **counts, wall_s=time.perf_counter() - began)
+
+
+@contextmanager
+def standard_error_in(file: Path) -> Iterator[None]:
+    """Keep in a file what this process, SUMO's C++ included, says on standard error; even the last words of a crash.
+
+    SUMO's option --error-log would leave those out, and say the others to the user's terminal as well. There they are
+    said only where SUMO goes on in spite of them.
+    """
+    before = os.dup(STANDARD_ERROR)
+    try:
+        with file.open("ab") as log:
+            os.dup2(log.fileno(), STANDARD_ERROR)
+        yield
+        with suppress(OSError):  # nobody reads it
+            os.write(before, file.read_bytes())
+    finally:
+        os.dup2(before, STANDARD_ERROR)
+        os.close(before)
 
 
 def _step_until_subject_left(libsumo, job: SumoJob) -> dict:

@@ -83,7 +83,7 @@ class Dial(eqx.Module):
         return self.strength != 0.0
 
     def covers(self, position_m: Value, time_s: Value) -> Bool[Array, "..."]:
-        """Return whether the effect acts at this place and time."""
+        """Whether the effect acts at this place and time."""
         here = (position_m >= self.route_from_m) & (position_m < self.route_to_m)
         return here & (time_s >= self.time_from_s) & (time_s < self.time_to_s)
 
@@ -146,7 +146,7 @@ class Moment(eqx.Module):
         return self.vehicles.is_vehicle & ~self.is_subject
 
     def memory(self, effect: str) -> Memory:
-        """Return what the effect remembers of each vehicle."""
+        """The effect's memory of each vehicle."""
         assert self.vehicles.personal is not None
         return self.vehicles.personal[effect]
 

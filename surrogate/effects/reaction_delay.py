@@ -23,7 +23,7 @@ Value = Float[Array, " vehicle"]
 
 
 def acts_now(interval_s: Value, moment: Moment) -> Bool[Array, " vehicle"]:
-    """Return who acts in this step; everybody where the interval is no longer than a step.
+    """The drivers who act in this step: everybody where the interval is no longer than a step.
 
     Each driver's instants lie at a phase of his own.
     """
@@ -36,7 +36,7 @@ def acts_now(interval_s: Value, moment: Moment) -> Bool[Array, " vehicle"]:
 
 
 def hold_order(acceleration: Value, last_order: Value, interval_s: Value, desired_mps: Value, moment: Moment) -> Value:
-    """Return what the driver orders: something new when he acts, the same as before when he does not.
+    """The order of a driver: a new one when he acts, the one before when he does not.
 
     Source: SUMO's `MSVehicle::executeMove` between action steps, and `MSCFModel::finalizeSpeed`, by which an order
     does not lead beyond the desired speed before the next.

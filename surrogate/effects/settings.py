@@ -21,7 +21,7 @@ class Effects(eqx.Module):
         values: one row per effect of the registry, one column per field of `Dial`.
     """
 
-    values: Float[Array, "effect field"]
+    values: Float[Array, "*run effect field"]
 
     def dial(self, name: str) -> Dial:
         """The setting of one effect."""

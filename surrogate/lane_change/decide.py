@@ -31,7 +31,7 @@ def decide(
     step_s: float,
     num_tiles: Int[Array, ""] | int | None = None,
 ) -> LaneChangeDecision:
-    """Return what every vehicle does about its lane.
+    """Lane-change decisions of all vehicles.
 
     Args:
         on_road: the vehicles and where they are.
@@ -76,7 +76,7 @@ def _settle(
     interval_s: float,
     step_s: float,
 ) -> LaneChangeDecision:
-    """Return what vehicles do about their lanes, now that they know what others ask of them."""
+    """Lane-change decisions, now that vehicles know what others ask of them."""
     vehicles = part.vehicles
     following = following_of(vehicles.vehicle_class, classes)
     model = lc2013_of(vehicles, classes)
@@ -123,7 +123,7 @@ def _settle(
 
 
 def _is_held_by_leader(ego: Ego, following: Following, assertive: Value, step_s: float) -> Flag:
-    """Return whether the leader in the own lane is too near to change into that lane behind him."""
+    """Whether the leader in the own lane is too near to change into that lane behind him."""
     deceleration = following.of(ego.leader_class).field("max_deceleration_mps2")
     secure_m = following.own.secure_gap_m(ego.speed_mps, ego.leader_speed_mps, deceleration, step_s)
     return ego.leader_exists & (ego.leader_gap_m < secure_m / assertive)

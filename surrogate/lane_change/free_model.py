@@ -58,7 +58,7 @@ class FreeModel(LaneChangeModel):
         """Return the parameters for route and talk as a record of LC2013, whose motives then play no part."""
 
     def gaps(self, outlook: Outlook) -> tuple[Blocked, Blocked]:
-        """Return who is in the way on each side; LC2013's secure gaps unless the model has a rule of its own."""
+        """Who is in the way on each side; LC2013's secure gaps unless the model has a rule of its own."""
         return outlook.secure_gaps
 
     @abc.abstractmethod
@@ -94,7 +94,7 @@ def free_wish(route: Strategy, wants: Flag, reason: Array | int) -> Wish:
 
 def free_models(outlook: Outlook, classes: tuple[VehicleClass, ...]) -> list[tuple[FreeModel, Flag]]:
     """Return each kind of such a model that occurs, with its parameters by vehicle, and whose model it is."""
-    found = []
+    parts = []
     models = [c.lane_change for c in classes]
     for kind in dict.fromkeys(type(model) for model in models):
         if not issubclass(kind, FreeModel):
@@ -103,8 +103,8 @@ def free_models(outlook: Outlook, classes: tuple[VehicleClass, ...]) -> list[tup
         own = [model if type(model) is kind else models[members[0]] for model in models]
         of_vehicle = select_record(own, outlook.vehicle_class)
         assert isinstance(of_vehicle, FreeModel)
-        found.append((of_vehicle, jnp.isin(outlook.vehicle_class, jnp.asarray(members))))
-    return found
+        parts.append((of_vehicle, jnp.isin(outlook.vehicle_class, jnp.asarray(members))))
+    return parts
 
 
 def of_members(is_member: Flag, theirs: Any, others: Any) -> Any:

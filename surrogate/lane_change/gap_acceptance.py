@@ -102,7 +102,7 @@ class Blocked(eqx.Module):
 
 
 def blocked(ego: Ego, side: Side, following: Following, assertive: Value, step_s: float) -> Blocked:
-    """Return whether the gaps on one side are too short.
+    """Whether the gaps on one side are too short.
 
     A gap must exceed the secure gap of whoever would then follow, divided by `assertive`.
 

@@ -79,7 +79,7 @@ def _lane_beside(
 def _need(
     on_road: VehiclesOnRoad, guide: Guide, row: Int[Array, " vehicle"], entry: Int[Array, " vehicle"], space_m: Value
 ) -> RouteNeed:
-    """Return what the route needs in `row`, in which `entry` is the vehicle ahead and each takes `space_m`."""
+    """What the route needs in `row`, in which `entry` is the vehicle ahead and each takes `space_m`."""
     end_m = on_road.on_route(on_road.road.continuation_end_m, row)
     return RouteNeed(
         best_lane_offset=guide.best_lane_offset,

@@ -185,7 +185,7 @@ def _second_leaders(
     vehicles: VehicleArrays,
     lengths_m: Array,
 ) -> Int[Array, " vehicle"]:
-    """Return for each vehicle the entry of its leader on the other lane, or of the shadow before it in its own."""
+    """For each vehicle the entry of its leader on the other lane, or of the shadow before it in its own."""
     last = vehicles.row.shape[0] - 1
     entry = jnp.arange(last + 1, dtype=jnp.int32)
     rear_m = vehicles.position_m - lengths_m

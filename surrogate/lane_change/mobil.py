@@ -108,7 +108,7 @@ class Appraisal(eqx.Module):
 def appraise(
     model: Mobil, ego: Ego, side: Side, old_follower: OldFollower, following: Following, is_right: bool, step_s: float
 ) -> Appraisal:
-    """Return what changing to one side is worth, whether or not there is a lane.
+    """Appraisal of a change to one side, whether or not there is a lane.
 
     Args:
         model: parameters of each vehicle.
@@ -170,7 +170,7 @@ def _acceleration(
     leader: tuple[Value, Value],
     step_s: float,
 ) -> Value:
-    """Return how a driver (speed, acceleration, desired speed) accelerates behind a leader (speed, acceleration)."""
+    """Acceleration of a driver (speed, acceleration, desired speed) behind a leader (speed, acceleration)."""
     speed_mps, acceleration_mps2, desired_mps = driver
     desired_mps = jnp.where(jnp.isfinite(desired_mps), desired_mps, speed_mps + 1.0)  # where there is no such driver
     wanted = models.acceleration(
@@ -197,7 +197,7 @@ def _acceleration(
 
 
 def _wants_by_side(model: Mobil, outlook: Outlook, gaps: tuple[Blocked, Blocked]) -> tuple[tuple[Flag, Flag], Flag]:
-    """Return whether each side is worth a change, and whether that to the right is for the right alone."""
+    """Whether each side is worth a change, and whether that to the right is for the right alone."""
     old_follower = outlook.old_follower
     right, left = (
         appraise(model, outlook.ego, side, old_follower, outlook.following, is_right, outlook.step_s)

@@ -143,7 +143,7 @@ def negotiate(
     nobody = jnp.zeros((num_entries,), bool)
     nothing = jnp.full((num_entries,), NO_ADVICE, jnp.float32)
 
-    def told(advice: Value, receiver: Int[Array, " chosen"], advice_mps2: Value) -> Value:
+    def told(advice: Value, receiver: Int[Array, " chosen"], advice_mps2: Float[Array, " chosen"]) -> Value:
         return advice.at[receiver].min(jnp.where(is_chosen, advice_mps2, NO_ADVICE), mode="promise_in_bounds")
 
     asked = told(nothing, asking.leader, asking.leader_advice_mps2)

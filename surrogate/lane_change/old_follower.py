@@ -33,7 +33,7 @@ class OldFollower(eqx.Module):
 
 
 def old_follower_of(vehicles: VehicleArrays, following: Following, desired_mps: Value) -> OldFollower:
-    """Return who follows each vehicle in its own row: the entry after it, for each row begins with a head."""
+    """Who follows each vehicle in its own row: the entry after it, for each row begins with a head."""
     vehicle_class = shift_up(vehicles.vehicle_class, HEAD)
     exists = vehicle_class >= 0
     rear_m = vehicles.position_m - following.length_m(vehicles.vehicle_class)

@@ -32,8 +32,8 @@ def check_known(classes: Sequence[VehicleClass]) -> None:
     known = {entry.model: entry.name for entry in LANE_CHANGE_MODELS}
     for vehicle_class in classes:
         if type(vehicle_class.lane_change) not in known:
-            found = type(vehicle_class.lane_change).__name__
-            raise TypeError(f"Expected a lane-change model of the registry ({', '.join(known.values())}), got {found}.")
+            got = type(vehicle_class.lane_change).__name__
+            raise TypeError(f"Expected a lane-change model of the registry ({', '.join(known.values())}), got {got}.")
 
 
 _STRATEGIC = Parameter("strategic", 1.0, 0.1, 10.0, is_logarithmic=True)

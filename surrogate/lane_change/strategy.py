@@ -45,7 +45,7 @@ def decayed_look_ahead_speed_mps(ego: Ego, look_ahead_speed_mps: Value, interval
 def strategy(
     model: Lc2013, ego: Ego, side: Side, look_ahead_speed_mps: Value, following: Following, is_right: bool
 ) -> Strategy:
-    """Return what the route says of changing to one side.
+    """Demands of the route on a change to one side.
 
     Args:
         model: parameters of each vehicle.
@@ -86,7 +86,7 @@ def strategy(
 
 
 def is_shorter(distance_m: Value, num_lanes: Int[Array, " vehicle"], look_ahead_m: Value) -> Flag:
-    """Return whether a distance per lane to cross is less than the look-ahead.
+    """Whether a distance per lane to cross is less than the look-ahead.
 
     Source: `MSLCM_LC2013::currentDistDisallows`.
     """

@@ -51,7 +51,7 @@ class Wanted(eqx.Module):
 
     own_mps: Value
     leader_mps: Value
-    everybodys_mps: Value
+    everybodys_mps: Float[Array, " everybody"]
 
     @classmethod
     def of(cls, desired_mps: Value) -> "Wanted":
@@ -65,13 +65,13 @@ class Wanted(eqx.Module):
 
 
 def sight_m(vehicles: VehicleArrays, following: Following, step_s: float) -> Value:
-    """Return how far beyond the end of the edge each vehicle looks for leaders."""
+    """Distance beyond the end of the edge up to which each vehicle looks for leaders."""
     braking_m = brake_gap_m(vehicles.speed_mps, following.max_deceleration_mps2, following.time_gap_s, step_s)
     return braking_m + following.jam_gap_m
 
 
 def is_in_sight(on_road: VehiclesOnRoad, leader: Neighbour, edge_start_m: Value, sight_m: Value) -> Flag:
-    """Return whether a leader exists and lies on the own edge or on one that begins within `sight_m`.
+    """Whether a leader exists and lies on the own edge or on one that begins within `sight_m`.
 
     Source: `MSLaneChanger::getRealLeader`: SUMO looks beyond the end of the edge only as far as the vehicle needs to
     stop, so a leader further on is as good as none.
@@ -80,7 +80,7 @@ def is_in_sight(on_road: VehiclesOnRoad, leader: Neighbour, edge_start_m: Value,
 
 
 def ego_of(on_road: VehiclesOnRoad, following: Following, wanted: Wanted, need: RouteNeed, sight_m: Value) -> Ego:
-    """Return what each vehicle knows of itself and its own lane."""
+    """Own state and own lane of each vehicle."""
     vehicles, leader = on_road.vehicles, on_road.leader
     in_sight = is_in_sight(on_road, leader, on_road.leader_edge_start_m, sight_m)
     gap_m = leader.position_m - following.length_m(leader.vehicle_class) - vehicles.position_m - following.jam_gap_m

@@ -127,13 +127,13 @@ class VehiclesOnRoad:
         return take(table.reshape(-1), route + row * self.road.num_segments)
 
     def guide(self, row: Int[Array, " vehicle"]) -> Guide:
-        """Return what the integer tables say of a row for the own destination."""
+        """What the integer tables say of a row for the own destination."""
         return Guide(self.on_route(self._guide, row))
 
     def num_ahead(
         self, row: Int[Array, " vehicle"], end: Int[Array, " vehicle"], entry: Int[Array, " vehicle"]
     ) -> Value:
-        """Return how many vehicles of a row, from `entry` on, are before one of the ends of tracks."""
+        """Number of vehicles of a row, from `entry` on, before one of the ends of tracks."""
         last = take(self._end_entry, row * self.road.end_position_m.shape[0] + end)
         return jnp.maximum(entry - last, 0).astype(jnp.float32)
 

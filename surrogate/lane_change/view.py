@@ -51,7 +51,7 @@ def look_around(
     interval_s: float,
     step_s: float,
 ) -> View:
-    """Return what vehicles see.
+    """View of each vehicle.
 
     Args:
         part: the vehicles asked about.
@@ -104,7 +104,7 @@ def judge_gaps(
     classes: tuple[VehicleClass, ...],
     step_s: float,
 ) -> Judgement:
-    """Return who is in the way.
+    """Who is in the way.
 
     Args:
         part: the vehicles asked about.

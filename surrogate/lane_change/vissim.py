@@ -83,7 +83,7 @@ class Vissim(FreeModel):
         return self.cooperative_deceleration_mps2
 
     def gaps(self, outlook: Outlook) -> tuple[Blocked, Blocked]:
-        """Return who is in the way on each side, (1) to (4)."""
+        """Who is in the way on each side, (1) to (4)."""
         right, left = (
             self.blocked(outlook.ego, side, outlook.following, route.must_change)
             for side, route in zip(outlook.sides, outlook.routes, strict=True)
@@ -91,7 +91,7 @@ class Vissim(FreeModel):
         return right, left
 
     def blocked(self, ego: Ego, side: Side, following: Following, is_necessary: Flag) -> Blocked:
-        """Return who is in the way on one side, (1) to (4)."""
+        """Who is in the way on one side, (1) to (4)."""
         behind = following.of(side.follower_class)
         before_m = jnp.maximum(ego.need.remaining_m, 0.0) / self.deceleration_reduction_distance_m
 

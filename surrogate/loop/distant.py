@@ -8,6 +8,7 @@ car-following model and the highest speed change, the speed factor moves by the 
 changing stays what it was.
 """
 
+import dataclasses
 from collections.abc import Sequence
 
 import equinox as eqx
@@ -41,13 +42,11 @@ def distant_class(near: VehicleClass, own: VehicleClass) -> VehicleClass:
         near: the class that they are near the subject vehicle.
         own: whose car-following, highest speed and mean speed factor they have.
     """
-    return VehicleClass(
+    return dataclasses.replace(
+        near,
         car_following=own.car_following,
-        lane_change=near.lane_change,
-        length_m=near.length_m,
         max_speed_mps=own.max_speed_mps,
         speed_factor_mean=own.speed_factor_mean,
-        speed_factor_deviation=near.speed_factor_deviation,
     )
 
 
@@ -72,6 +71,6 @@ def with_distant_drivers(
     for near, distant in zip(drivers.near, drivers.distant, strict=True):
         after = jnp.where((before == near) & ~is_near, distant, after)
         after = jnp.where((before == distant) & is_near, near, after)
-    means = [one.speed_factor_mean for one in classes]
+    means = [c.speed_factor_mean for c in classes]
     moved = select_by_class(means, after) - select_by_class(means, before)
     return with_changes(vehicles, vehicle_class=after, speed_factor=vehicles.speed_factor + moved)

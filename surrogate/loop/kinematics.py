@@ -1,5 +1,7 @@
 """Moves vehicles by one time step: what the drivers want, what the vehicles can do, where they are then."""
 
+import dataclasses
+
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
@@ -113,14 +115,11 @@ def behind(
 ) -> FollowingSituation:
     """Return the same situation behind another leader."""
     rear_m = leader.position_m - select_by_class(lengths, leader.vehicle_class)
-    return FollowingSituation(
-        speed_mps=situation.speed_mps,
+    return dataclasses.replace(
+        situation,
         gap_m=jnp.where(leader.exists, rear_m - vehicles.position_m, jnp.inf),
         leader_speed_mps=leader.speed_mps,
         leader_acceleration_mps2=leader.acceleration_mps2,
-        acceleration_mps2=situation.acceleration_mps2,
-        desired_speed_mps=situation.desired_speed_mps,
-        uniform=situation.uniform,
     )
 
 

@@ -25,7 +25,7 @@ class Observer(Protocol):
         ...
 
     def finish(self, state: ObserverState) -> Array:
-        """Return what the drive comes to."""
+        """Result of the drive."""
         ...
 
 
@@ -156,7 +156,7 @@ class RunState(eqx.Module):
 def record_of(
     states: TrafficState, observed: Array, num_on_road: Int[Array, " run"], num_vehicle_steps: Int[Array, " run"]
 ) -> RunRecord:
-    """Return what is known of runs by now.
+    """Record of runs so far.
 
     Args:
         states: their roads.
@@ -182,5 +182,5 @@ def record_of(
 
 
 def vehicles_on_road(states: TrafficState) -> Int[Array, " run"]:
-    """Return how many vehicles are on the road of each run."""
+    """Number of vehicles on the road of each run."""
     return states.head[:, -1] - (states.head.shape[1] - 1)

@@ -72,5 +72,5 @@ class World(eqx.Module):
         return len(self.classes) - 1
 
     def is_subject(self, vehicles: VehicleArrays) -> Bool[Array, " vehicle"]:
-        """Return which vehicle is the subject vehicle, or which are, if there are several."""
+        """Which vehicle is the subject vehicle, or which are, if there are several."""
         return vehicles.vehicle_class == self.subject_class

@@ -96,7 +96,7 @@ def blank_frame(road: Road, sensor: Sensor) -> PerceptionFrame:
 
 
 def is_other(frame: PerceptionFrame) -> Bool[Array, " object"]:
-    """Return which objects are vehicles other than the subject vehicle."""
+    """Which objects are vehicles other than the subject vehicle."""
     return frame.object_valid & ~frame.object_is_subject
 
 
@@ -119,8 +119,8 @@ def with_objects(frame: PerceptionFrame, valid: Bool[Array, " object"]) -> Perce
 def in_order(frame: PerceptionFrame) -> PerceptionFrame:
     """Return the frame with its objects sorted by (row, -position); places without an object come last."""
     row = jnp.where(frame.object_valid, frame.object_row, jnp.iinfo(jnp.int32).max)
-    places = jnp.arange(row.shape[0], dtype=jnp.int32)
-    *_, order = jax.lax.sort((row, -frame.object_offset_m, places), num_keys=2)
+    entries = jnp.arange(row.shape[0], dtype=jnp.int32)
+    *_, order = jax.lax.sort((row, -frame.object_offset_m, entries), num_keys=2)
     names = [name for name in PerceptionFrame.__dataclass_fields__ if name.startswith("object_")]
     return dataclasses.replace(frame, **{name: take(getattr(frame, name), order) for name in names})
 
@@ -133,7 +133,7 @@ def perceive(
     time_s: Float[Array, ""],
     identity: Int[Array, ""] | None = None,
 ) -> tuple[TrafficState, PerceptionFrame, Int[Array, " object"]]:
-    """Return what the subject vehicle detects, the state with newly detected vehicles numbered, and objects' entries.
+    """What the subject vehicle detects, the state with newly detected vehicles numbered, and objects' entries.
 
     Only the carriageway is seen; vehicles on ramps are not.
 

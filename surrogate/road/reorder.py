@@ -100,12 +100,12 @@ def new_order(moves: Moves, vehicles: VehicleArrays, head: Int[Array, " row_plus
 def _admit(
     moves: Moves, claimant: Int[Array, " vehicle"], room: Int[Array, ""]
 ) -> tuple[Bool[Array, "entrance lane"], Int[Array, ""]]:
-    """Return which newcomers enter, and how many found the arrays full.
+    """Which newcomers enter, and how many found the arrays full.
 
     A newcomer waits while somebody changes lane into his gap, and behind everybody of his queue who waits.
     """
-    place = jnp.cumsum(moves.entrant_enters.reshape(-1).astype(jnp.int32)).reshape(moves.entrant_enters.shape)
-    fits = place <= room
+    number = jnp.cumsum(moves.entrant_enters.reshape(-1).astype(jnp.int32)).reshape(moves.entrant_enters.shape)
+    fits = number <= room
     free = moves.entrant_enters & fits & (take(claimant, moves.entrant_ahead) == NOBODY)
     if moves.closed is not None:
         free &= ~take(moves.closed, moves.entrant_ahead)

@@ -1,5 +1,7 @@
 """Puts a plan in the place of what the lane-change model would have done with the subject vehicle."""
 
+import dataclasses
+
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool
@@ -49,15 +51,12 @@ def with_plan(
     is_needed = view.lanes.num_changes[OWN_LANE] > 0
     reason = jnp.where(is_needed, Reason.STRATEGIC, Reason.SPEED_GAIN).astype(jnp.int32)
     is_subject = on_road.vehicles.vehicle_class == subject_class
-    return LaneChangeDecision(
+    return dataclasses.replace(
+        decision,
         direction=jnp.where(is_subject, chosen.direction, decision.direction),
         reason=jnp.where(is_subject, reason, decision.reason),
         entry_ahead=jnp.where(is_subject & (chosen.direction != STAY), chosen.entry_ahead, decision.entry_ahead),
         target_row=jnp.where(is_subject, chosen.target_row, decision.target_row),
         own_advice_mps2=jnp.where(is_subject, chosen.acceleration_mps2, decision.own_advice_mps2),
         asked_advice_mps2=jnp.where(is_subject, NO_ADVICE, decision.asked_advice_mps2),
-        gain_left_memory=decision.gain_left_memory,
-        gain_right_memory=decision.gain_right_memory,
-        keep_right_memory=decision.keep_right_memory,
-        look_ahead_speed_mps=decision.look_ahead_speed_mps,
     )

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import equinox as eqx
 from jaxtyping import Array, Float
@@ -11,6 +11,10 @@ from surrogate.vehicle.car_following_model import CarFollowingModel, FollowingSi
 from surrogate.vehicle.vehicle_class import VehicleClass
 
 Value = Float[Array, "..."]
+
+
+def _of_vtype(name: str) -> Any:
+    return property(lambda self: getattr(self.vtype, name), doc="That of the vType.")
 
 
 class SubjectFollowing(CarFollowingModel):  # pyright: ignore[reportGeneralTypeIssues]  # fields are properties here
@@ -29,48 +33,29 @@ class SubjectFollowing(CarFollowingModel):  # pyright: ignore[reportGeneralTypeI
     driver: CarFollowingModel
     vtype: CarFollowingModel
 
+    jam_gap_m = _of_vtype("jam_gap_m")
+    time_gap_s = _of_vtype("time_gap_s")
+    max_acceleration_mps2 = _of_vtype("max_acceleration_mps2")
+    max_deceleration_mps2 = _of_vtype("max_deceleration_mps2")
+    emergency_deceleration_mps2 = _of_vtype("emergency_deceleration_mps2")
+
     @property
     def draws_once_per_driver(self) -> bool:  # pyright: ignore[reportIncompatibleVariableOverride]
         """Whether the driver does."""
         return self.driver.draws_once_per_driver
 
-    @property
-    def jam_gap_m(self) -> Value:  # pyright: ignore[reportIncompatibleVariableOverride]
-        """That of the vType."""
-        return self.vtype.jam_gap_m
-
-    @property
-    def time_gap_s(self) -> Value:  # pyright: ignore[reportIncompatibleVariableOverride]
-        """That of the vType."""
-        return self.vtype.time_gap_s
-
-    @property
-    def max_acceleration_mps2(self) -> Value:  # pyright: ignore[reportIncompatibleVariableOverride]
-        """That of the vType."""
-        return self.vtype.max_acceleration_mps2
-
-    @property
-    def max_deceleration_mps2(self) -> Value:  # pyright: ignore[reportIncompatibleVariableOverride]
-        """That of the vType."""
-        return self.vtype.max_deceleration_mps2
-
-    @property
-    def emergency_deceleration_mps2(self) -> Value:  # pyright: ignore[reportIncompatibleVariableOverride]
-        """That of the vType."""
-        return self.vtype.emergency_deceleration_mps2
-
     def acceleration(self, situation: FollowingSituation, step_s: float) -> Value:
-        """Return what the driver wants."""
+        """The driver's acceleration."""
         return self.driver.acceleration(situation, step_s)
 
     def stop_acceleration(self, situation: FollowingSituation, distance_m: Value, step_s: float) -> Value:
-        """Return how the driver stops."""
+        """The driver's acceleration."""
         return self.driver.stop_acceleration(situation, distance_m, step_s)
 
     def slow_acceleration(
         self, situation: FollowingSituation, distance_m: Value, target_speed_mps: Value, step_s: float
     ) -> Value:
-        """Return how the driver slows down."""
+        """The driver's acceleration."""
         return self.driver.slow_acceleration(situation, distance_m, target_speed_mps, step_s)
 
     def secure_gap_m(
@@ -83,4 +68,4 @@ class SubjectFollowing(CarFollowingModel):  # pyright: ignore[reportGeneralTypeI
 def driven_by(vehicle_class: VehicleClass, driver: CarFollowingModel) -> VehicleClass:
     """Return the class with another driver in the same vehicle."""
     following = SubjectFollowing(driver=driver, vtype=vehicle_class.car_following)  # pyright: ignore[reportCallIssue]
-    return eqx.tree_at(lambda one: one.car_following, vehicle_class, following)
+    return eqx.tree_at(lambda c: c.car_following, vehicle_class, following)

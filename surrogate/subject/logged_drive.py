@@ -4,6 +4,8 @@ It reacts to nobody, so it may overlap another vehicle, or drive through it. Suc
 sees a leader with a negative gap and brakes, and where the two have passed each other they change places.
 """
 
+import dataclasses
+
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
@@ -41,7 +43,7 @@ class LoggedMotion(eqx.Module):
         return tuple(take(table.reshape(-1), sample) for table in (self.position_m, self.speed_mps, self.row))
 
     def is_over(self, step: Int[Array, ""]) -> Bool[Array, ""]:
-        """Return whether the log has ended before a step."""
+        """Whether the log has ended before a step."""
         return step - take(self.first_step, self.log) >= take(self.num_steps, self.log)
 
 
@@ -88,15 +90,15 @@ def with_logged_lane(
     vehicles = state.vehicles
     entry = jnp.argmax(is_subject).astype(jnp.int32)
     _, _, row = motion.at(state.step)
-    place = _entry_ahead(state, is_subject, take(vehicles.position_m, entry), row, entry)
-    moves = is_subject & ((vehicles.row != row) | (place != entry - 1))
+    ahead = _entry_ahead(state, is_subject, take(vehicles.position_m, entry), row, entry)
+    moves = is_subject & ((vehicles.row != row) | (ahead != entry - 1))
     return eqx.tree_at(
         lambda d: (d.direction, d.reason, d.entry_ahead, d.target_row),
         decision,
         (
             jnp.where(is_subject, jnp.where(moves, LEFT, STAY), decision.direction),
             jnp.where(is_subject, Reason.SPEED_GAIN, decision.reason).astype(jnp.int32),
-            jnp.where(moves, place, decision.entry_ahead),
+            jnp.where(moves, ahead, decision.entry_ahead),
             jnp.where(is_subject, row, decision.target_row),
         ),
     )
@@ -106,7 +108,7 @@ def as_logged(candidates: Entrants, motion: LoggedMotion, road: Road, state: Tra
     """Return the newcomers with the subject vehicle entering where its log begins, whoever is there."""
     position_m, speed_mps, row = motion.at(state.step)
     nobody = jnp.zeros_like(state.vehicles.is_vehicle)
-    place = _entry_ahead(state, nobody, position_m, row, jnp.asarray(-1))
+    ahead = _entry_ahead(state, nobody, position_m, row, jnp.asarray(-1))
     begins = (state.step >= take(motion.first_step, motion.log)) & ~motion.is_over(state.step)
     is_subject = candidates.is_subject
     flat = is_subject.reshape(-1)
@@ -118,12 +120,11 @@ def as_logged(candidates: Entrants, motion: LoggedMotion, road: Road, state: Tra
         row=jnp.where(flat, row, candidates.vehicles.row),
         speed_limit_mps=jnp.where(flat, limit, candidates.vehicles.speed_limit_mps),
     )
-    return Entrants(
+    return dataclasses.replace(
+        candidates,
         vehicles=newcomers,
-        entry_ahead=jnp.where(is_subject, place, candidates.entry_ahead),
+        entry_ahead=jnp.where(is_subject, ahead, candidates.entry_ahead),
         enters=jnp.where(is_subject, begins, candidates.enters),
-        rank=candidates.rank,
-        is_subject=is_subject,
     )
 
 
@@ -146,6 +147,6 @@ def _entry_ahead(
     """
     vehicles = state.vehicles
     is_ahead = vehicles.is_vehicle & ~is_subject & (vehicles.row == row) & (vehicles.position_m > position_m)
-    place = take(state.head, row) + jnp.sum(is_ahead, dtype=jnp.int32)
-    is_behind_own = (take(vehicles.row, jnp.maximum(entry, 0)) == row) & (entry >= 0) & (place >= entry)
-    return place + is_behind_own
+    ahead = take(state.head, row) + jnp.sum(is_ahead, dtype=jnp.int32)
+    is_behind_own = (take(vehicles.row, jnp.maximum(entry, 0)) == row) & (entry >= 0) & (ahead >= entry)
+    return ahead + is_behind_own

@@ -93,7 +93,7 @@ class SubjectModel:
 
 
 def guard(planner: Planner, vtype: VehicleClass) -> Krauss:
-    """Return what keeps a planned acceleration safe between two plans: the safe speed behind a leader who may brake."""
+    """What keeps a planned acceleration safe between two plans: the safe speed behind a leader who may brake."""
     model = vtype.car_following
     return Krauss(
         jam_gap_m=0.5 * planner.jam_gap_m,

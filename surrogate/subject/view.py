@@ -78,7 +78,7 @@ def look_around(
     ahead_m: Float[Array, ""],
     behind_m: Float[Array, ""],
 ) -> SubjectView:
-    """Return what the subject vehicle's planner knows.
+    """View of the subject vehicle's planner.
 
     Args:
         vehicles: all vehicles, or those around the subject vehicle.
@@ -107,7 +107,7 @@ def look_around(
     is_own = jnp.arange(3) == OWN_LANE
     behind = jnp.minimum(ahead + jnp.where(is_own, 2, 1), vehicles.row.shape[0] - 1)
     follower = neighbour_at(behind, row, vehicles)
-    lengths = [one.length_m for one in classes]
+    lengths = [c.length_m for c in classes]
     own = classes[subject_class]
     sees_leader = leader.exists & (leader.position_m - here_m <= ahead_m)
     sees_follower = follower.exists & (here_m - follower.position_m <= behind_m)

@@ -114,10 +114,7 @@ def start_final_runs(
     if shares_runs and num_runs:
         requests = Evaluator(sumo, departs_s, first_seed, shares_runs=True).requests(values, num_runs)
     else:
-        requests = [
-            RunRequest(tuple(float(value) for value in values), first_seed + run, departs_s[run % len(departs_s)])
-            for run in range(num_runs)
-        ]
+        requests = requests_in_turn(values, departs_s, num_runs, first_seed)
     drive = _drives_in_turn([request.depart_s for request in requests], departs_s)
     wait = sumo.start(requests, session.progress.sumo_runs)
 
@@ -130,6 +127,14 @@ def start_final_runs(
         return FinalRuns(tally[is_ok], drive[is_ok], tuple(outcomes))
 
     return finish
+
+
+def requests_in_turn(
+    values: Float[np.ndarray, " parameter"], departs_s: Sequence[float], num_runs: int, first_seed: int
+) -> list[RunRequest]:
+    """Return runs of one point, each with a seed and a drive of its own; the drives in turn."""
+    told = tuple(float(value) for value in values)
+    return [RunRequest(told, first_seed + run, departs_s[run % len(departs_s)]) for run in range(num_runs)]
 
 
 def final_errors(

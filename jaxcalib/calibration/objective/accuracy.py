@@ -118,10 +118,10 @@ def noise_floor(
         seed: of the draws.
     """
     generator = np.random.default_rng(seed)
-    places = [np.flatnonzero(drive == one) for one in np.unique(drive)]
+    runs_of_drives = [np.flatnonzero(drive == number) for number in np.unique(drive)]
     draws = []
     for _ in range(num_draws):
-        chosen = np.asarray([generator.choice(place) for place in places])
+        chosen = np.asarray([generator.choice(candidates) for candidates in runs_of_drives])
         others = np.setdiff1d(np.arange(len(runs)), chosen)
         if len(others):
             draws.append(effectiveness(measures, tally_names, runs[chosen].sum(axis=0), runs[others].sum(axis=0)))

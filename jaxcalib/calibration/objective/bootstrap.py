@@ -35,7 +35,7 @@ def bootstrap_errors(
         num_draws: number of samples.
         seed: of the draws.
     """
-    of_drives, of_runs = (np.random.default_rng(one) for one in np.random.SeedSequence(seed).spawn(2))
+    of_drives, of_runs = map(np.random.default_rng, np.random.SeedSequence(seed).spawn(2))
     samples = {name: np.full(num_draws, np.nan) for name in (*MOES, VEHICLE_LEVEL_SUM)}
     for draw in range(num_draws):
         real = field[of_drives.integers(0, len(field), len(field))].sum(axis=0)

@@ -37,7 +37,7 @@ def independent_evidence(unit: Float[np.ndarray, " parameter"], error: Float[np.
 
 
 def evidence_of(initial: InitialPoint) -> Evidence:
-    """Return what is known of inputs and driver parameters.
+    """Evidence on inputs and driver parameters.
 
     Driver parameters: what the leader-follower pairs and the accepted gaps of the logs say; where they are silent, the
     scenario's values. Inputs: the scenario's values, a common factor less certain than the shares. What the logs say of

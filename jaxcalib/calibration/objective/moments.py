@@ -1,7 +1,7 @@
 """The measures that a calibration matches, as one vector, with the noise that seeds and drives leave on it."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -43,7 +43,7 @@ class Moments:
         return np.where(tally[..., self.denominator] > 0.0, values, np.nan)
 
     def influence(self, tally: Float[np.ndarray, "run tally"]) -> Float[np.ndarray, "run moment"]:
-        """Return how much each run moves the moments of all runs (delta method); the mean over runs is 0."""
+        """Influence of each run on the moments of all runs (delta method); its mean over runs is 0."""
         mean = tally.mean(axis=0)
         value = self.values(mean)
         above, below = self.scale * tally[:, self.numerator], tally[:, self.denominator]
@@ -51,15 +51,14 @@ class Moments:
 
     def take(self, chosen: np.ndarray) -> "Moments":
         """Return some of the moments."""
-        places = np.arange(len(self.names))[chosen]
-        return Moments(
-            tuple(self.names[place] for place in places),
-            tuple(self.levels[place] for place in places),
-            self.numerator[places],
-            self.denominator[places],
-            self.scale[places],
-            self.drives,
-            self.rates,
+        index = np.arange(len(self.names))[chosen]
+        return replace(
+            self,
+            names=tuple(self.names[i] for i in index),
+            levels=tuple(self.levels[i] for i in index),
+            numerator=self.numerator[index],
+            denominator=self.denominator[index],
+            scale=self.scale[index],
         )
 
 

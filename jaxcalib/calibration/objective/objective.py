@@ -18,11 +18,11 @@ class Discrepancy(Protocol):
     """What a simulator's moments lack, learnt from runs of another one."""
 
     def predict(self, unit: Float[np.ndarray, "candidate parameter"]) -> Float[np.ndarray, "candidate moment"]:
-        """Return what is to be added to the moments at each point of the unit cube."""
+        """What is to be added to the moments at each point of the unit cube."""
         ...
 
     def variance(self) -> Float[np.ndarray, " moment"]:
-        """Return how well that is known."""
+        """Variance of that, of each moment."""
         ...
 
 
@@ -124,4 +124,4 @@ class Objective:
 
     def of_level(self, level: Level) -> "Objective":
         """Return the objective on the moments of one level."""
-        return self.take(np.asarray([one is level for one in self.moments.levels]))
+        return self.take(np.asarray([own is level for own in self.moments.levels]))

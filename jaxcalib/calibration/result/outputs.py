@@ -5,13 +5,15 @@ import shutil
 from jaxcalib.calibration.record import CalibrationRecord
 from jaxcalib.calibration.result.report import report_html
 from jaxcalib.calibration.result.result import CalibrationResult, to_json
+from jaxcalib.runs.disk import writing_to
 from jaxcalib.runs.run_folder import RunFolder
 from sim_adapters.scenario.scenario_writer import write_scenario
 
 
 def write_outputs(record: CalibrationRecord, result: CalibrationResult, run_folder: RunFolder) -> None:
     """Write result.json, report.html and scenario/."""
-    write_calibrated_scenario(record, result, run_folder)
+    with writing_to(run_folder.path):
+        write_calibrated_scenario(record, result, run_folder)
     run_folder.write_text("report.html", report_html(record, result))
     run_folder.write_text("result.json", to_json(result))
 

@@ -105,9 +105,9 @@ def polish(
         known=known_in(run, box, known, num_runs),
     )
     course = _follow(run, box, TrustRegion(config), setting, num_runs, stage)
-    last = course.infos[-1].details
-    best = box.unit_of(last.center[None])[0]
-    return Optimisation(best, float(last.center_misfit), tuple(course.infos), tuple(course.rounds))
+    last = course.infos[-1]
+    best = start if last.best is None else box.unit_of(last.best[None])[0]
+    return Optimisation(best, float(last.details.center_misfit), tuple(course.infos), tuple(course.rounds))
 
 
 def known_in(run: SearchRun, box: SearchBox, known: Sequence[Judged], num_runs: int) -> Told | None:
@@ -140,14 +140,20 @@ class _Course:
     Attributes:
         infos: what it said of each round.
         rounds: all candidates.
-        best: best candidate as it was asked, in the box; None while all have failed.
+        best_seen: best candidate as it was asked, in the box; None while all have failed.
         best_accuracy: its accuracy.
     """
 
     infos: list[RoundInfo]
     rounds: list[Judged]
-    best: Float[np.ndarray, " parameter"] | None = None
+    best_seen: Float[np.ndarray, " parameter"] | None = None
     best_accuracy: float = -np.inf
+
+    @property
+    def best(self) -> Float[np.ndarray, " parameter"] | None:
+        """The optimiser's own answer, in the box, or else the best candidate; None while all have failed."""
+        answer = self.infos[-1].best if self.infos else None
+        return self.best_seen if answer is None else answer
 
 
 def _follow(
@@ -162,7 +168,7 @@ def _follow(
         num_left -= len(points)
         accuracy = np.where(judged.is_ok, judged.accuracy, -np.inf)
         if accuracy.max() > course.best_accuracy:
-            course.best, course.best_accuracy = points[int(np.argmax(accuracy))], float(accuracy.max())
+            course.best_seen, course.best_accuracy = points[int(np.argmax(accuracy))], float(accuracy.max())
         if num_left <= 0 and len(points) < len(optimiser.ask(state)):
             break  # a round that was cut short is not told: it is the last
         residuals = np.where(judged.is_ok[:, None], judged.residuals, np.nan)

@@ -10,6 +10,7 @@ from jaxcalib.calibration.objective.evidence import Evidence, evidence_of
 from jaxcalib.calibration.objective.objective import Objective
 from jaxcalib.calibration.objective.objective_choice import choose_objective
 from jaxcalib.calibration.stages.budget import Budget
+from jaxcalib.calibration.stages.critical_parameters import critical_parameters, hold_others
 from jaxcalib.calibration.stages.evaluator import Evaluator
 from jaxcalib.calibration.stages.gradient_refinement import GradientRefinement, refine
 from jaxcalib.calibration.stages.local_surface import local_surface
@@ -102,7 +103,7 @@ def search_two_stages(
         session.progress.stage(OPTIMISATION)
         session.progress.best(exploration.best_accuracy)
         run = search.run_with(search.objective_at(exploration.best, budget.covariance_runs))
-        critical = _critical(exploration, search.num_critical)
+        critical = critical_parameters(exploration, search.num_critical)
         explored = [_again(run, exploration.cases), _again(run, exploration.shortlist)]
         optimised = search.optimise_critical(run, exploration, stage_1.best, critical, explored, threshold)
         session.progress.best(optimised.best_accuracy)
@@ -216,7 +217,7 @@ class _Search:
         threshold: float,
     ) -> Optimisation:
         """Stage 2: search the critical parameters from where the screening left them."""
-        held = _hold(exploration, inputs_from, critical)
+        held = hold_others(exploration, inputs_from, critical)
         if "optimiser" in self.settings.without:
             return _left_out(held, exploration.best_accuracy)
         box = search_box(held, critical, self.half_width)
@@ -256,28 +257,6 @@ class _Search:
     def compare(self, run: SearchRun, points: Float[np.ndarray, "candidate parameter"]) -> Judged:
         """Run points once more, on the runs that measure noise."""
         return run.judge(points, self.evaluator.rounds_of(self.budget.noise_runs), OPTIMISATION, NOISE_OFFSET)
-
-
-def _critical(exploration: Screening, num_critical: int) -> np.ndarray:
-    """Return the places of the critical parameters among all."""
-    return exploration.box.chosen[exploration.ranges.critical_parameters[:num_critical]]
-
-
-def _hold(exploration: Screening, start: Float[np.ndarray, " parameter"], critical: np.ndarray) -> np.ndarray:
-    """Return the point whose critical parameters are searched: they begin where the exploration ended.
-
-    A parameter that is not critical keeps what the logs or the scenario say, unless its best level stands out from
-    noise. (The paper does not say; the best level of a parameter without effect is a random one.)
-    """
-    held = start.copy()
-    held[critical] = exploration.best[critical]
-    noise = exploration.ranges.noise
-    levels = exploration.box.unit_of(exploration.ranges.best_levels[None] / (exploration.array.num_levels - 1))[0]
-    for place, parameter in enumerate(exploration.box.chosen):
-        stands_out = noise is not None and not noise.is_indistinguishable[place]
-        if parameter not in critical and stands_out:
-            held[parameter] = levels[parameter]
-    return held
 
 
 def _left_out(point: Float[np.ndarray, " parameter"], accuracy: float) -> Optimisation:

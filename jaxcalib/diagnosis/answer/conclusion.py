@@ -200,7 +200,7 @@ def _how_far(findings: Findings, verdict: Verdict) -> dict[str, Any]:
     flexible = most_flexible_shift(fitted.difference, fitted.null, findings.signatures)
 
     def recalibrated(shift: np.ndarray) -> np.ndarray:
-        """Return what a shift of the features does, with the parameters that the drives to fit then ask for."""
+        """Shift of the features with the parameters that the drives to fit then ask for."""
         steps = parameter_shift(fitted.difference - shift, fitted.null)
         return null.slope @ steps + transfer(shift, fitted.null, null)
 

@@ -102,7 +102,7 @@ def ranking_figure(diagnosis: Diagnosis) -> str:
 
 
 def waterfall_figure(diagnosis: Diagnosis) -> str:
-    """Return how far the gap shrinks, step by step."""
+    """The gap step by step, as it shrinks."""
     far = diagnosis.how_far
     if far.get("gap_recalibrated") is None:
         return ""

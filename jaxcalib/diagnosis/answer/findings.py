@@ -61,5 +61,5 @@ class Findings:
     wall_s: Mapping[str, float]
 
     def ledger(self) -> list[LedgerEntry]:
-        """Return where the gap lies on the drives to fit."""
+        """The ledger of the gap on the drives to fit."""
         return make_ledger(self.fitted.tallies.values(), self.fitted.null, np.random.default_rng(self.seed))

@@ -51,7 +51,7 @@ def aliased_effects(problem: CalibrationProblem) -> tuple[str, ...]:
 
 
 def warnings_of(findings: Findings) -> list[str]:
-    """Return what a user should know of drives and calibration."""
+    """Warnings about drives and calibration."""
     warnings = list(findings.problem.warnings())
     num_drives = len(findings.fitted.tallies)
     if num_drives < FEW_DRIVES:

@@ -45,7 +45,7 @@ def report_html(findings: Findings, diagnosis: Diagnosis) -> str:
 
 
 def sentences(diagnosis: Diagnosis) -> list[str]:
-    """Return what was found in whole sentences."""
+    """The findings in whole sentences."""
     found = [diagnosis.reason]
     by_name = {one.effect: one for one in diagnosis.ranking}
     for name in diagnosis.effects:

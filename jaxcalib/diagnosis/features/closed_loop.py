@@ -134,7 +134,7 @@ def _count_occupancy(table: DriveTable, road: Conventions, book: TallyBook, traf
     for lane in traffic.lanes:
         in_lane = traffic.lane == lane
         share = _share("lane_share")._replace(lane=int(lane))
-        book.quotient(share, float((near & in_lane).sum()), float(near.sum()))
+        book.quotient(share, (near & in_lane).sum(), near.sum())
         for third in range(3):
             at = near & (thirds == third)
             begin_m, end_m = (float(road.stretch_m[0] + k * road.stretch_m[-1] / 3) for k in (third, third + 1))
@@ -146,7 +146,7 @@ def _count_occupancy(table: DriveTable, road: Conventions, book: TallyBook, traf
     for index in range(len(road.stretch_m) - 1):
         at = table.is_valid & (subject_stretch == index)
         book.quotient(
-            Cell(CHANNEL, "vehicles_near").within(*road.stretch_m[index : index + 2]), seen[at].sum(), float(at.sum())
+            Cell(CHANNEL, "vehicles_near").within(*road.stretch_m[index : index + 2]), seen[at].sum(), at.sum()
         )
     book.quotient(Cell(CHANNEL, "vehicles_near"), seen[table.is_valid].sum(), num_instants)
     # fluctuation of density: what platoons raise

@@ -87,7 +87,7 @@ def conventions_of(problem: CalibrationProblem) -> Conventions:
 
 
 def rounding_step(values: np.ndarray) -> float:
-    """Return what values are rounded to: the coarsest step that nearly all of them are multiples of."""
+    """Rounding of values: the coarsest step that nearly all of them are multiples of."""
     for step in ROUNDING_STEPS:
         off = np.abs(values - np.round(values / step) * step)
         if len(values) and np.mean(off < ROUNDING_TOLERANCE * step) > NEARLY_ALL_ROUNDED:

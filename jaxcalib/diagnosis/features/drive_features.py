@@ -1,6 +1,5 @@
 """All features of one drive, whoever recorded or simulated it."""
 
-import dataclasses
 from dataclasses import dataclass
 
 from jaxcalib.diagnosis.features.closed_loop import count_closed_loop
@@ -36,7 +35,3 @@ class DriveFeatures:
         count_closed_loop(coarse, self.road, book)
         count_replay(coarse, self.road, self.background, self.subject, book)
         return book
-
-    def with_drivers(self, background: ExpectedDrivers) -> "DriveFeatures":
-        """Return the same for other background drivers."""
-        return dataclasses.replace(self, background=background)

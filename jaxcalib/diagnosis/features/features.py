@@ -184,7 +184,7 @@ class DriveTallies:
         return pooled_values(self.above.sum(axis=0), self.below.sum(axis=0), self.is_logarithmic)
 
     def influence(self) -> np.ndarray:
-        """Return how much each drive moves the pooled features times the number of drives; the mean over drives is 0.
+        """Influence of each drive on the pooled features, times the number of drives; the mean over drives is 0.
 
         Source: delta method for ratios of means, e.g. Cochran (1977), Sampling Techniques, ch. 6.
         """

@@ -48,17 +48,17 @@ class NullModel:
 
 
 def effective_number(below: np.ndarray) -> np.ndarray:
-    """Return how many drives a pooled quotient rests on, by its denominators, [drive, feature]."""
+    """Effective number of drives behind a pooled quotient, by its denominators, [drive, feature]."""
     return below.sum(axis=0) ** 2 / np.maximum((below**2).sum(axis=0), 1e-12)
 
 
 def on_cells(tallies: DriveTallies, cells: tuple[Cell, ...]) -> DriveTallies:
     """Return tallies of the given features; those that were never observed are 0."""
-    place = {cell: index for index, cell in enumerate(tallies.cells)}
+    column_of = {cell: index for index, cell in enumerate(tallies.cells)}
     above, below = np.zeros((2, len(tallies), len(cells)))
     for index, cell in enumerate(cells):
-        if cell in place:
-            above[:, index], below[:, index] = tallies.above[:, place[cell]], tallies.below[:, place[cell]]
+        if cell in column_of:
+            above[:, index], below[:, index] = tallies.above[:, column_of[cell]], tallies.below[:, column_of[cell]]
     return DriveTallies(cells, above, below, tallies.depart_s, tallies.run)
 
 
@@ -127,7 +127,7 @@ def null_model(
 
 
 def heavy_tail(influence: np.ndarray, more: np.ndarray | None, num_drives: int) -> np.ndarray:
-    """Return by how much the tail of a mean over drives is longer than a normal one of the same deviation, at least 1.
+    """Length of the tail of a mean over drives over that of a normal one of the same deviation, at least 1.
 
     Jams come in some runs only: means of a few drives are far from normal then, and a normal tail would cry wolf.
     """

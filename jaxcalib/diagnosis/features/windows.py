@@ -37,7 +37,7 @@ class Window:
         return found
 
     def effect_setting(self, strength: float) -> EffectSetting:
-        """Return what a simulator is told of an effect here."""
+        """The setting of an effect here, as a simulator takes it."""
         return EffectSetting(
             strength,
             route_from_m=self.from_m,
@@ -49,7 +49,7 @@ class Window:
 
 
 def window_of(signature: Signature) -> Window | None:
-    """Return where and when a signature's effect acts; None for everywhere."""
+    """Place and time of a signature's effect; None for everywhere."""
     at = signature.setting
     if "route_from_m" not in at:
         return None

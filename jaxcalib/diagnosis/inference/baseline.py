@@ -169,7 +169,7 @@ class BaselineMaker:
         return way, num_tried
 
     def _change(self, best: Baseline, values: np.ndarray) -> np.ndarray | None:
-        """Return by how much features of the surrogate change from a baseline's values to others, in units of noise.
+        """Change of the surrogate's features from a baseline's values to others, in units of noise.
 
         None where runs fail.
         """

@@ -40,8 +40,8 @@ class Contest:
     def explain(self, signatures: Signatures) -> list[Explained]:
         """Return the explanations, best first: an effect's evidence counts as far as other drives confirm it."""
         gains = self._gains(signatures)
-        found = explanations(self.problem, self.values, self.fitted, signatures, self.num_places)
-        return without_needless_unknown(confirmed(found, gains), len(self.fitted.null.cells))
+        judged = explanations(self.problem, self.values, self.fitted, signatures, self.num_places)
+        return without_needless_unknown(confirmed(judged, gains), len(self.fitted.null.cells))
 
     def least_gain(self, signatures: Signatures) -> float:
         """Return the gain of the best explanation over the baseline when the drive that favours it most is left out.
@@ -51,16 +51,19 @@ class Contest:
         """
         gains = self._gains(signatures)
         everyone = np.arange(len(self.fitted.tallies))
-        found = []
-        for place in everyone:
+        judged = []
+        for left_out in everyone:
             try:
-                some = self._prepared(self.fitted.tallies.take(np.setdiff1d(everyone, [place])))
+                some = self._prepared(self.fitted.tallies.take(np.setdiff1d(everyone, [left_out])))
             except NotTestableError:
                 continue  # the others alone show too little
-            there = {name: [moved(one, self.fitted, some) for one in several] for name, several in signatures.items()}
+            there = {
+                name: [moved(signature, self.fitted, some) for signature in several]
+                for name, several in signatures.items()
+            }
             explained = explanations(self.problem, self.values, some, there, self.num_places)
-            found.append(best_gain(without_needless_unknown(confirmed(explained, gains), len(some.null.cells))))
-        return min(found, default=0.0)
+            judged.append(best_gain(without_needless_unknown(confirmed(explained, gains), len(some.null.cells))))
+        return min(judged, default=0.0)
 
     def _gains(self, signatures: Signatures) -> dict[str, float]:
         """Return the cross-validated gain of each effect; signatures that were judged before are not judged again."""
@@ -88,20 +91,24 @@ def confirmed(explained: Sequence[Explained], gains: Mapping[str, float]) -> lis
         explained: explanations.
         gains: cross-validated gains, by effect; an effect without one keeps its evidence.
     """
-    none = next(one.log_evidence for one in explained if one.name == NONE)
-    support = {one.name: min(one.log_evidence - none, gains[one.name]) for one in explained if one.name in gains}
-    supported = [one for one in explained if support.get(one.name, 0.0) > 0.0]
-    best = max(supported, key=lambda one: support[one.name], default=None)
-    found = []
-    for one in explained:
-        if one.name not in support:
-            found.append(one)
+    none = next(explanation.log_evidence for explanation in explained if explanation.name == NONE)
+    support = {
+        explanation.name: min(explanation.log_evidence - none, gains[explanation.name])
+        for explanation in explained
+        if explanation.name in gains
+    }
+    supported = [explanation for explanation in explained if support.get(explanation.name, 0.0) > 0.0]
+    best = max(supported, key=lambda explanation: support[explanation.name], default=None)
+    judged = []
+    for explanation in explained:
+        if explanation.name not in support:
+            judged.append(explanation)
             continue
-        counted = none + support[one.name]
-        if best is not None and support[one.name] > 0.0:
-            counted = best.log_evidence - (support[best.name] - support[one.name])
-        found.append(replace(one, log_evidence=counted, cross_validated_gain=gains[one.name]))
-    return sorted(found, key=lambda one: -one.log_evidence)
+        counted = none + support[explanation.name]
+        if best is not None and support[explanation.name] > 0.0:
+            counted = best.log_evidence - (support[best.name] - support[explanation.name])
+        judged.append(replace(explanation, log_evidence=counted, cross_validated_gain=gains[explanation.name]))
+    return sorted(judged, key=lambda explanation: -explanation.log_evidence)
 
 
 def without_needless_unknown(explained: Sequence[Explained], num_features: int) -> list[Explained]:
@@ -115,19 +122,24 @@ def without_needless_unknown(explained: Sequence[Explained], num_features: int) 
         explained: explanations, best first, with what other drives confirm.
         num_features: behind the misfits.
     """
-    none = next(one for one in explained if one.name == NONE)
-    best = next((one for one in explained if one.name not in (NONE, UNKNOWN)), None)
+    none = next(explanation for explanation in explained if explanation.name == NONE)
+    best = next((explanation for explanation in explained if explanation.name not in (NONE, UNKNOWN)), None)
     if best is None or best.log_evidence <= none.log_evidence:
         return list(explained)
-    unknown = max((one.log_evidence for one in explained if one.name == UNKNOWN), default=-np.inf)
+    unknown = max(
+        (explanation.log_evidence for explanation in explained if explanation.name == UNKNOWN), default=-np.inf
+    )
     fits_better = best.log_evidence > unknown and best.best_misfit <= most_misfit(num_features)
     if not (fits_better or best.best_misfit <= NEARLY_ALL * none.best_misfit):
         return list(explained)
-    found = [replace(one, log_evidence=none.log_evidence) if one.name == UNKNOWN else one for one in explained]
-    return sorted(found, key=lambda one: -one.log_evidence)
+    judged = [
+        replace(explanation, log_evidence=none.log_evidence) if explanation.name == UNKNOWN else explanation
+        for explanation in explained
+    ]
+    return sorted(judged, key=lambda explanation: -explanation.log_evidence)
 
 
 def best_gain(explained: Sequence[Explained]) -> float:
-    """Return by how much the best explanation's log evidence exceeds the baseline's."""
-    none = next(one.log_evidence for one in explained if one.name == NONE)
-    return max(one.log_evidence for one in explained if one.name != NONE) - none
+    """Log evidence of the best explanation less that of the baseline."""
+    none = next(explanation.log_evidence for explanation in explained if explanation.name == NONE)
+    return max(explanation.log_evidence for explanation in explained if explanation.name != NONE) - none

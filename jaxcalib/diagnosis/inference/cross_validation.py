@@ -26,7 +26,7 @@ def cross_validated_gains(
     signatures: Mapping[str, Sequence[Signature]],
     num_places: Mapping[str, int],
 ) -> dict[str, float]:
-    """Return by how much each effect raises the log-likelihood of drives that it was not fitted to.
+    """Gain of each effect in the log-likelihood of drives that it was not fitted to.
 
     Args:
         names: effects.

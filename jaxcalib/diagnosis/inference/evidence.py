@@ -72,13 +72,13 @@ def log_density(difference: np.ndarray, covariance: np.ndarray) -> tuple[float, 
 
 
 def explain_none(difference: np.ndarray, null: NullModel) -> Explained:
-    """Return how well the baseline alone agrees."""
+    """Evidence of the baseline alone."""
     value, square = log_density(difference, null.covariance)
     return Explained(NONE, value, best_misfit=square)
 
 
 def explain_unknown(difference: np.ndarray, null: NullModel, groups: Sequence[np.ndarray]) -> Explained:
-    """Return how well something agrees that shifts features of one group, or of all, in no known pattern."""
+    """Evidence of something that shifts features of one group, or of all, in no known pattern."""
     values, squares = [], []
     for group in groups:
         for size in UNKNOWN_SIZES:
@@ -91,7 +91,7 @@ def explain_unknown(difference: np.ndarray, null: NullModel, groups: Sequence[np
 def explain(
     difference: np.ndarray, null: NullModel, signatures: Sequence[Signature], medium: float, num_places: int = 1
 ) -> Explained:
-    """Return how well an effect agrees, over its strengths and places.
+    """Evidence of an effect, over its strengths and places.
 
     Args:
         difference: the field's features less the baseline's, in units of noise.
@@ -101,9 +101,9 @@ def explain(
         num_places: how many places and times were looked at to find the signatures' ones: looking costs.
     """
     alike = alike_errors(null)
-    values, squares, strengths, places = [], [], [], []
+    values, squares, strengths, numbers = [], [], [], []
     shifts = []
-    for place, signature in enumerate(signatures):
+    for number, signature in enumerate(signatures):
         tried = strengths_of(signature, medium)
         for strength in tried:
             shift, uncertain = predicted(signature, strength, alike)
@@ -112,7 +112,7 @@ def explain(
             values.append(value - np.log(len(tried)))
             squares.append(square)
             strengths.append(signature.sign * (signature.strengths[-1] if signature.is_fixed else strength))
-            places.append(place)
+            numbers.append(number)
             shifts.append(shift)
     log_values = np.asarray(values)
     tempered = log_values / TEMPERATURE
@@ -129,7 +129,7 @@ def explain(
         log_evidence=float(logsumexp(log_values) - np.log(max(num_places, len(signatures)))),
         strength=mean,
         interval=(float(low), float(high)),
-        setting=signatures[places[best]].setting,
+        setting=signatures[numbers[best]].setting,
         best_misfit=squares[best],
         shift=posterior @ np.asarray(shifts),
     )
@@ -156,19 +156,19 @@ def strengths_of(signature: Signature, medium: float) -> np.ndarray:
 
 
 def predicted(signature: Signature, strength: float, alike: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return what a signature predicts at a strength, and the covariance of what it may be wrong by."""
+    """Prediction of a signature at a strength, and the covariance of its error."""
     shift, error = signature.at(strength)
     wrong = SIGNATURE_ERROR * signature.exactness * shift
     return shift, np.outer(wrong, wrong) * alike + np.diag(error**2)
 
 
-def signature_behind(several: Sequence[Signature], one: Explained) -> Signature:
+def signature_behind(several: Sequence[Signature], explanation: Explained) -> Signature:
     """Return the signature that speaks for an explanation: at its place, of its sign, of rhythms the nearest."""
-    there = [each for each in several if dict(each.setting) == dict(one.setting or {})] or list(several)
-    with_sign = [each for each in there if each.sign * one.strength >= 0.0] or there
+    at_place = [each for each in several if dict(each.setting) == dict(explanation.setting or {})] or list(several)
+    with_sign = [each for each in at_place if each.sign * explanation.strength >= 0.0] or at_place
     if not with_sign[0].is_fixed:
         return with_sign[0]
-    return min(with_sign, key=lambda each: abs(each.strengths[-1] - abs(one.strength)))
+    return min(with_sign, key=lambda each: abs(each.strengths[-1] - abs(explanation.strength)))
 
 
 def groups_of(cells: Sequence[Cell]) -> list[np.ndarray]:
@@ -183,7 +183,7 @@ def groups_of(cells: Sequence[Cell]) -> list[np.ndarray]:
     for key in keys:
         names = [key(cell) for cell in cells]
         for name in dict.fromkeys(names):
-            mask = np.asarray([one == name for one in names])
+            mask = np.asarray([other == name for other in names])
             if name and mask.sum() >= 2:
                 masks.append(mask)
     return [mask.astype(float) for mask in masks]

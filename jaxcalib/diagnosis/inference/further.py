@@ -50,9 +50,9 @@ def second_effect(
         return None
     alike = alike_errors(null)
     own = signature_behind(signatures[first.name], first)
-    firsts = [predicted(own, one, alike) for one in strengths_of(own, effect_named(first.name).medium)]
+    firsts = [predicted(own, strength, alike) for strength in strengths_of(own, effect_named(first.name).medium)]
     alone = _evidence([log_density(difference - s, null.covariance + c)[0] for s, c in firsts])
-    found = []
+    candidates = []
     others = [name for name in signatures if name != first.name]
     for name in others:
         values, strengths = [], []
@@ -63,8 +63,8 @@ def second_effect(
                 strengths += [signature.sign * strength] * len(firsts)
         gain = _evidence(values) - alone - np.log(num_places.get(name, 1))
         share = np.exp((np.asarray(values) - max(values)) / TEMPERATURE)
-        found.append(Explained(name, float(gain), float(share @ np.asarray(strengths) / share.sum())))
-    best = max(found, key=lambda one: one.log_evidence, default=None)
+        candidates.append(Explained(name, float(gain), float(share @ np.asarray(strengths) / share.sum())))
+    best = max(candidates, key=lambda explanation: explanation.log_evidence, default=None)
     if best is None:
         return None
     # Between explanations evidence counts a part only, and each of the others had its chance.
@@ -79,14 +79,14 @@ def _evidence(values: Sequence[float]) -> float:
 def most_flexible_shift(
     difference: np.ndarray, null: NullModel, signatures: Mapping[str, Sequence[Signature]]
 ) -> np.ndarray:
-    """Return what all effects together would do if each had the strength, of either sign, that fits best.
+    """Shift by all effects together, each of the strength, of either sign, that fits best.
 
     No single answer: the most that the library could explain, as a ceiling for the answers.
     """
     columns = [
-        one.shift[-1] * effect_named(name).medium / one.strengths[-1]
+        signature.shift[-1] * effect_named(name).medium / signature.strengths[-1]
         for name, several in signatures.items()
-        for one in several
+        for signature in several
     ]
     if not columns:
         return np.zeros_like(difference)
@@ -103,7 +103,7 @@ def next_steps(
     visible_with_more: Mapping[str, float | None],
     visible: Mapping[str, float | None],
 ) -> list[str]:
-    """Return what to try next, in sentences.
+    """Advice on what to try next, in sentences.
 
     Args:
         verdict: the verdict.
@@ -147,9 +147,11 @@ def next_steps(
 
 def best_effect(explained: Sequence[Explained], verdict: Verdict) -> Explained | None:
     """Return the explanation behind the first effect that is named; None where none is."""
-    names = [one.name for one in explained if one.name not in (NONE, UNKNOWN)]
+    names = [explanation.name for explanation in explained if explanation.name not in (NONE, UNKNOWN)]
     first = verdict.effects[0] if verdict.effects else None
-    return next((one for one in explained if one.name == first), None) if first in names else None
+    return (
+        next((explanation for explanation in explained if explanation.name == first), None) if first in names else None
+    )
 
 
 def _words(name: str) -> str:

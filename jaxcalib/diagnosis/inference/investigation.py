@@ -82,10 +82,10 @@ def prepare(
 
 
 def all_signatures(
-    prepared: Prepared, runs: NullRuns, trials: Sequence[EffectTrial], found: Mapping[str, DriveTallies]
+    prepared: Prepared, runs: NullRuns, trials: Sequence[EffectTrial], tallies: Mapping[str, DriveTallies]
 ) -> dict[str, list[Signature]]:
     """Return the signatures of all effects that were tried, in units of noise."""
-    behaviour = surrogate_signatures(trials, found, prepared.null)
+    behaviour = surrogate_signatures(trials, tallies, prepared.null)
     altered = altered_signatures(runs, prepared.null, behaviour)
     return behaviour | altered
 
@@ -97,7 +97,7 @@ def explanations(
     signatures: Mapping[str, Sequence[Signature]],
     num_places: Mapping[str, int],
 ) -> list[Explained]:
-    """Return how each explanation fares on the drives to fit, best first.
+    """Evidence of each explanation on the drives to fit, best first.
 
     Args:
         problem: the problem.
@@ -108,13 +108,13 @@ def explanations(
     """
     null, difference = prepared.null, prepared.difference
     none = explain_none(difference, null)
-    found = [none, explain_unknown(difference, null, groups_of(null.cells))]
+    explained = [none, explain_unknown(difference, null, groups_of(null.cells))]
     for name, several in signatures.items():
-        found.append(explain(difference, null, several, effect_named(name).medium, num_places.get(name, 1)))
+        explained.append(explain(difference, null, several, effect_named(name).medium, num_places.get(name, 1)))
     ramps = explain_ramps(none.log_evidence, *input_ratios(problem, values, prepared))
     if ramps is not None:
-        found.append(ramps)
-    return sorted(found, key=lambda one: -one.log_evidence)
+        explained.append(ramps)
+    return sorted(explained, key=lambda explanation: -explanation.log_evidence)
 
 
 def input_ratios(
@@ -130,22 +130,22 @@ def input_ratios(
     is_main = [any(entrance[flow] == main for flow in flows) for flows in layout.input_flows]
     ratio = {k: (float(shifted[k] / given[k]), float(error[k] / given[k])) for k in range(layout.num_inputs)}
     mains = [ratio[k][0] for k in range(layout.num_inputs) if is_main[k]]
-    return {k: one for k, one in ratio.items() if not is_main[k]}, float(np.mean(mains)) if mains else 1.0
+    return {k: pair for k, pair in ratio.items() if not is_main[k]}, float(np.mean(mains)) if mains else 1.0
 
 
 def shift_in_errors(problem: CalibrationProblem, values: np.ndarray, prepared: Prepared) -> float:
-    """Return by how many of its errors the calibration has moved the parameter that moved farthest."""
+    """Shift of the parameter that the calibration moved farthest, in its errors."""
     steps = parameter_steps(problem.layout, values)
     shifted = values + steps * parameter_shift(prepared.difference, prepared.null)
     error = steps * np.sqrt(np.maximum(np.diag(shift_covariance(prepared.null)), 1e-12))
     return float(np.max(np.abs(shifted - problem.template.base_values()) / error))
 
 
-def gain_of(one: Explained, held_out: Prepared, fitted: Prepared) -> float | None:
+def gain_of(explanation: Explained, held_out: Prepared, fitted: Prepared) -> float | None:
     """Return the gain in log-likelihood per held-out drive of an explanation against the recalibrated baseline."""
-    if one.shift is None:
+    if explanation.shift is None:
         return None
-    shift = transfer(one.shift, fitted.null, held_out.null)
+    shift = transfer(explanation.shift, fitted.null, held_out.null)
     before, _ = log_density(held_out.difference, held_out.null.covariance)
     extra = np.diag((0.5 * shift) ** 2)
     after, _ = log_density(held_out.difference - shift, held_out.null.covariance + extra)
@@ -165,9 +165,9 @@ def moved(signature: Signature, of: Prepared, to: Prepared) -> Signature:
 
 def transfer(shift: np.ndarray, of: NullModel, to: NullModel) -> np.ndarray:
     """Return a shift of features in units of another null model's noise; features that it lacks are left out."""
-    known = {cell: place for place, cell in enumerate(of.cells)}
+    known = {cell: feature for feature, cell in enumerate(of.cells)}
     moved = np.zeros(len(to.cells))
-    for place, cell in enumerate(to.cells):
+    for feature, cell in enumerate(to.cells):
         if cell in known:
-            moved[place] = shift[known[cell]] * of.deviation[known[cell]] / to.deviation[place]
+            moved[feature] = shift[known[cell]] * of.deviation[known[cell]] / to.deviation[feature]
     return moved

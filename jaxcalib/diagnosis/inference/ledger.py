@@ -78,13 +78,13 @@ def make_ledger(values: np.ndarray, null: NullModel, random: np.random.Generator
     entries = [
         LedgerEntry(
             cell=cell,
-            field=float(values[place]),
-            simulated=float(null.mean[place]),
-            difference=float(remaining[place]),
-            excess=float((square[place] - deviation[place] ** 2) / len(remaining)),
-            share=float(square[place] / total),
-            p_adjusted=float((exceeded[place] + 1) / (NUM_DRAWS + 1)),
+            field=float(values[feature]),
+            simulated=float(null.mean[feature]),
+            difference=float(remaining[feature]),
+            excess=float((square[feature] - deviation[feature] ** 2) / len(remaining)),
+            share=float(square[feature] / total),
+            p_adjusted=float((exceeded[feature] + 1) / (NUM_DRAWS + 1)),
         )
-        for place, cell in enumerate(null.cells)
+        for feature, cell in enumerate(null.cells)
     ]
     return sorted(entries, key=lambda entry: -entry.share)

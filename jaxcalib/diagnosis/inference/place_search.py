@@ -48,28 +48,34 @@ def refine_places(
         lanes: all lanes, counted from the left.
         run: makes trials; the baseline's tallies are among what it returns.
     """
-    found = dict(signatures)
-    local = [one for one in explained[:AMONG_BEST] if one.setting and "route_from_m" in one.setting]
-    for one in local[:MOST_REFINED]:
-        effect = effect_named(one.name)
-        best = signature_behind(found[one.name], one)
+    refined = dict(signatures)
+    local = [
+        explanation
+        for explanation in explained[:AMONG_BEST]
+        if explanation.setting and "route_from_m" in explanation.setting
+    ]
+    for explanation in local[:MOST_REFINED]:
+        effect = effect_named(explanation.name)
+        best = signature_behind(refined[explanation.name], explanation)
         evidence = _evidence(difference, null, best, effect)
         for round_number, (step_m, step_s) in enumerate(STEPS):
             window = window_of(best)
             assert window is not None
             around = neighbours(window, step_m, step_s, lanes if round_number == 0 else ())
-            trials = _nearest_strength(effect_trials(values, num_runs, {one.name: around}), one.name, one.strength)
-            several = surrogate_signatures(trials, run(trials), null).get(one.name, [])
+            trials = _nearest_strength(
+                effect_trials(values, num_runs, {explanation.name: around}), explanation.name, explanation.strength
+            )
+            several = surrogate_signatures(trials, run(trials), null).get(explanation.name, [])
             if not several:
                 continue
             judged = [_evidence(difference, null, each, effect) for each in several]
-            place = int(np.argmax(judged))
-            if judged[place] < evidence + LEAST_IMPROVEMENT:
+            nearest = int(np.argmax(judged))
+            if judged[nearest] < evidence + LEAST_IMPROVEMENT:
                 continue
-            best, evidence = several[place], judged[place]
-        if not any(best is each for each in found[one.name]):
-            found[one.name] = [*found[one.name], best]
-    return found
+            best, evidence = several[nearest], judged[nearest]
+        if not any(best is each for each in refined[explanation.name]):
+            refined[explanation.name] = [*refined[explanation.name], best]
+    return refined
 
 
 def neighbours(window: Window, step_m: float, step_s: float, lanes: Sequence[int]) -> list[Window]:
@@ -82,27 +88,30 @@ def neighbours(window: Window, step_m: float, step_s: float, lanes: Sequence[int
         lanes: lanes to try; none for the window's own only.
     """
     is_point = window.from_m == window.to_m
-    found = []
+    windows = []
     for moved_from, moved_to in MOVES[:2] if is_point else MOVES:
         from_m, to_m = window.from_m + moved_from * step_m, window.to_m + moved_to * step_m
         if from_m >= 0.0 and (is_point or to_m - from_m >= SHORTEST_M):
-            found.append(replace(window, from_m=from_m, to_m=to_m))
+            windows.append(replace(window, from_m=from_m, to_m=to_m))
     if window.from_s is not None and window.to_s is not None:
         for moved_from, moved_to in MOVES:
             from_s, to_s = window.from_s + moved_from * step_s, window.to_s + moved_to * step_s
             if from_s >= 0.0 and to_s - from_s >= SHORTEST_S:
-                found.append(replace(window, from_s=from_s, to_s=to_s))
+                windows.append(replace(window, from_s=from_s, to_s=to_s))
     if window.lane is not None:
-        found += [replace(window, lane=lane) for lane in lanes if lane != window.lane]
-    return found
+        windows += [replace(window, lane=lane) for lane in lanes if lane != window.lane]
+    return windows
 
 
 def _nearest_strength(trials: Sequence[EffectTrial], name: str, strength: float) -> list[EffectTrial]:
     """Return for each window the trial of the strength that is nearest."""
-    own = [one for one in trials if one.effect.name == name]
-    windows = list(dict.fromkeys(one.window for one in own))
+    own = [trial for trial in trials if trial.effect.name == name]
+    windows = list(dict.fromkeys(trial.window for trial in own))
     return [
-        min((one for one in own if one.window == window), key=lambda one: abs(abs(one.strength) - abs(strength)))
+        min(
+            (trial for trial in own if trial.window == window),
+            key=lambda trial: abs(abs(trial.strength) - abs(strength)),
+        )
         for window in windows
     ]
 

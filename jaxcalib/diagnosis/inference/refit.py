@@ -72,7 +72,7 @@ class Refit:
     log_evidence: float
 
     def expected(self, null: NullModel, fitted: NullModel) -> np.ndarray:
-        """Return by how much features differ from the null's under the explanation, in units of noise.
+        """Difference of the features from the null's under the explanation, in units of noise.
 
         Args:
             null: the null model for the drives in question.
@@ -100,7 +100,7 @@ class MakesRuns(Protocol):
         ...
 
     def slopes(self, signature: Signature, steps: np.ndarray, strength: float, known: np.ndarray) -> np.ndarray:
-        """Return how features change with parameters and strength there."""
+        """Change of the features with parameters and strength there."""
         ...
 
 
@@ -134,12 +134,12 @@ class _Course:
         return low, high
 
     def noise(self, exactness: float | np.ndarray) -> np.ndarray:
-        """Return the covariance of chance and of what the model of an effect may be wrong by: the road's may differ."""
+        """Covariance of chance and of the effect model's error: the road's may differ."""
         wrong = SIGNATURE_ERROR * exactness * self.shift
         return self.fitted.null.noise + np.outer(wrong, wrong) * alike_errors(self.fitted.null)
 
     def noise_of(self, exactness: float | np.ndarray) -> Callable[[ExplainedRuns, np.ndarray], np.ndarray]:
-        """Return what tells the covariance around runs: an effect that brings jams brings their chance too."""
+        """Function from runs to the covariance around them: an effect that brings jams brings their chance too."""
         base, null, num_drives = self.noise(exactness), self.fitted.null, len(self.fitted.tallies)
 
         def noise(runs: ExplainedRuns, error: np.ndarray) -> np.ndarray:
@@ -149,7 +149,7 @@ class _Course:
         return noise
 
     def run_with(self, make: _Makes) -> Callable[[np.ndarray], tuple[ExplainedRuns, np.ndarray, np.ndarray] | None]:
-        """Return what makes runs at a point and tells their features with standard errors."""
+        """Function from a point to the runs there and their features with standard errors."""
 
         def run(at: np.ndarray) -> tuple[ExplainedRuns, np.ndarray, np.ndarray] | None:
             steps, strength = self.there(at)

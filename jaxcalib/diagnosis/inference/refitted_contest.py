@@ -11,10 +11,14 @@ from jaxcalib.diagnosis.inference.sumo_check import NUM_CHECKED, WITHIN
 
 def contenders(explained: Sequence[Explained], signatures: Mapping[str, Sequence[Signature]]) -> list[Explained]:
     """Return the best effect and those close behind it, best first, as far as they have signatures."""
-    none = next(one.log_evidence for one in explained if one.name == NONE)
-    effects = [one for one in explained if one.name not in (NONE, UNKNOWN) and one.log_evidence > none]
-    near = [one for one in effects if one.log_evidence > effects[0].log_evidence - WITHIN]
-    return [one for one in near[:NUM_CHECKED] if one.name in signatures]
+    none = next(explanation.log_evidence for explanation in explained if explanation.name == NONE)
+    effects = [
+        explanation
+        for explanation in explained
+        if explanation.name not in (NONE, UNKNOWN) and explanation.log_evidence > none
+    ]
+    near = [explanation for explanation in effects if explanation.log_evidence > effects[0].log_evidence - WITHIN]
+    return [explanation for explanation in near[:NUM_CHECKED] if explanation.name in signatures]
 
 
 def with_refits(explained: Sequence[Explained], refits: Mapping[str, Refit]) -> list[Explained]:
@@ -24,25 +28,28 @@ def with_refits(explained: Sequence[Explained], refits: Mapping[str, Refit]) -> 
     mean says how far apart two effects lie. The best of them keeps the most evidence of all, against none, unknown and
     the rest.
     """
-    again = [one for one in explained if one.name in refits]
+    again = [explanation for explanation in explained if explanation.name in refits]
     if not again:
         return list(explained)
-    most = max(one.log_evidence for one in again)
-    mean = {one.name: 0.5 * (one.log_evidence + refits[one.name].log_evidence) for one in again}
-    found = []
-    for one in explained:
-        if one.name not in refits:
-            found.append(one)
+    most = max(explanation.log_evidence for explanation in again)
+    mean = {
+        explanation.name: 0.5 * (explanation.log_evidence + refits[explanation.name].log_evidence)
+        for explanation in again
+    }
+    counted = []
+    for explanation in explained:
+        if explanation.name not in refits:
+            counted.append(explanation)
             continue
-        mine = refits[one.name]
+        mine = refits[explanation.name]
         low, high = sorted(mine.sign * size for size in mine.interval_90)
-        found.append(
+        counted.append(
             replace(
-                one,
-                log_evidence=most - (max(mean.values()) - mean[one.name]),
+                explanation,
+                log_evidence=most - (max(mean.values()) - mean[explanation.name]),
                 strength=mine.sign * mine.strength,
                 interval=(low, high),
-                best_misfit=min(one.best_misfit, mine.misfit),
+                best_misfit=min(explanation.best_misfit, mine.misfit),
             )
         )
-    return sorted(found, key=lambda one: -one.log_evidence)
+    return sorted(counted, key=lambda explanation: -explanation.log_evidence)

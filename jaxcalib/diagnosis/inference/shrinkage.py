@@ -80,7 +80,7 @@ class Gap:
 def differences_by_chance(
     simulated: DriveTallies, null: NullModel, num_drives: int, random: np.random.Generator
 ) -> np.ndarray:
-    """Return how sets of runs, as many as there are drives, differ from all of them, in units of noise, [set, feature].
+    """Differences of sets of runs, as many as there are drives, from all of them, in units of noise, [set, feature].
 
     A set is part of the runs that it is compared with; what that takes off its variance is put back.
     """

@@ -78,32 +78,39 @@ def check_in_sumo(
         is_expressible: whether SUMO can express an effect.
         run: makes SUMO's runs with an effect; None where they fail, and the surrogate's word must do.
     """
-    found = dict(signatures)
-    explained = list(explain(found))
+    known = dict(signatures)
+    explained = list(explain(known))
     checks: list[Check] = []
     done: set[str] = set()
     for _ in range(NUM_CHECKED):
-        one = next((one for one in _contenders(explained) if one.name not in done and is_expressible(one.name)), None)
-        if one is None:
+        contender = next(
+            (
+                contender
+                for contender in _contenders(explained)
+                if contender.name not in done and is_expressible(contender.name)
+            ),
+            None,
+        )
+        if contender is None:
             break
-        done.add(one.name)
-        best = signature_behind(found[one.name], one)
-        strength = best.strengths[-1] if best.is_fixed else abs(one.strength)
-        tallies = run(one.name, EffectSetting(best.sign * strength))
+        done.add(contender.name)
+        best = signature_behind(known[contender.name], contender)
+        strength = best.strengths[-1] if best.is_fixed else abs(contender.strength)
+        tallies = run(contender.name, EffectSetting(best.sign * strength))
         if tallies is None:
             continue
         shift, error = measured_signature(tallies, plain, null)
-        checks.append(_check(one.name, best, strength, shift, error, null, tallies.num_runs))
-        found[one.name] = [corrected(each, best, strength, shift, error) for each in found[one.name]]
-        explained = list(explain(found))
-    return Checked(explained, found, tuple(checks))
+        checks.append(_check(contender.name, best, strength, shift, error, null, tallies.num_runs))
+        known[contender.name] = [corrected(each, best, strength, shift, error) for each in known[contender.name]]
+        explained = list(explain(known))
+    return Checked(explained, known, tuple(checks))
 
 
 def measured_signature(tallies: DriveTallies, plain: DriveTallies, null: NullModel) -> tuple[np.ndarray, np.ndarray]:
     """Return the signature that SUMO's runs show and its standard error, in units of noise."""
     with_effect, without = on_cells(tallies, null.cells), on_cells(plain, null.cells)
     variance = sum(
-        np.nan_to_num(one.influence()).var(axis=0, ddof=1) / one.num_independent for one in (with_effect, without)
+        np.nan_to_num(runs.influence()).var(axis=0, ddof=1) / runs.num_independent for runs in (with_effect, without)
     )
     shift = (with_effect.values() - null.mean) / null.deviation
     is_known = np.isfinite(shift) & (with_effect.below.sum(axis=0) > 0)
@@ -141,10 +148,12 @@ def corrected(
 
 def _contenders(explained: Sequence[Explained]) -> list[Explained]:
     """Return the best two effects and any that is close behind, best first, of those that do better than nothing."""
-    none = next((one.log_evidence for one in explained if one.name == NONE), -np.inf)
-    effects = [one for one in explained if one.name not in (NONE, UNKNOWN) and one.log_evidence > none]
+    none = next((contender.log_evidence for contender in explained if contender.name == NONE), -np.inf)
+    effects = [
+        contender for contender in explained if contender.name not in (NONE, UNKNOWN) and contender.log_evidence > none
+    ]
     best = effects[0].log_evidence if effects else 0.0
-    return [one for place, one in enumerate(effects) if place < 2 or one.log_evidence > best - WITHIN]
+    return [contender for rank, contender in enumerate(effects) if rank < 2 or contender.log_evidence > best - WITHIN]
 
 
 def _check(

@@ -46,7 +46,7 @@ def probabilities(explained: Sequence[Explained], least_gain: float) -> dict[str
         explained: all explanations.
         least_gain: gain of the best of them over the baseline that no single drive makes.
     """
-    names = [one.name for one in explained]
+    names = [explanation.name for explanation in explained]
     none = explained[names.index(NONE)].log_evidence
     num_effects = max(len(names) - 2, 1)
     prior = np.asarray(
@@ -55,7 +55,7 @@ def probabilities(explained: Sequence[Explained], least_gain: float) -> dict[str
             for name in names
         ]
     )
-    gain = np.asarray([one.log_evidence - none for one in explained])
+    gain = np.asarray([explanation.log_evidence - none for explanation in explained])
     is_none = np.asarray([name == NONE for name in names])
     prior_of, gain_of = prior[~is_none], gain[~is_none]
     something = np.log(prior_of) + gain_of
@@ -89,49 +89,52 @@ def judge(
         aliased: effects that these drives cannot tell apart; one of them is not named without another.
     """
     probability = probabilities(explained, least_gain)
-    by_name = {one.name: one for one in explained}
+    by_name = {explanation.name: explanation for explanation in explained}
     none = by_name[NONE].log_evidence
-    best_gain = max(one.log_evidence for one in explained if one.name != NONE) - none
-    ranked = sorted((one for one in explained if one.name != NONE), key=lambda one: -probability[one.name])
+    best_gain = max(explanation.log_evidence for explanation in explained if explanation.name != NONE) - none
+    ranked = sorted(
+        (explanation for explanation in explained if explanation.name != NONE),
+        key=lambda explanation: -probability[explanation.name],
+    )
     if best_gain < LEAST_EVIDENCE or least_gain < LEAST_WITHOUT_ONE:
         if shift_errors > MISCALIBRATED_ERRORS:
             return Verdict("miscalibrated", (), probability, "The scenario's values differ from the road's; with "
                            "calibrated values nothing is left that noise does not explain.")  # fmt: skip
         return Verdict("no_gap", (), probability, "Simulation and road differ by no more than noise.")
-    effects = [one for one in ranked if one.name != UNKNOWN]
-    if probability[UNKNOWN] > sum(probability[one.name] for one in effects):
+    effects = [explanation for explanation in ranked if explanation.name != UNKNOWN]
+    if probability[UNKNOWN] > sum(probability[explanation.name] for explanation in effects):
         return Verdict("unknown", (), probability, "Something is missing that is none of the known effects.")
-    misfit = min(_misfit(one, by_name[NONE]) for one in effects if _is_named(one, probability))
+    misfit = min(_misfit(explanation, by_name[NONE]) for explanation in effects if _is_named(explanation, probability))
     if misfit > max(most_misfit(num_features), NEARLY_ALL * by_name[NONE].best_misfit):
         reason = "Something is missing, and no known effect explains it down to noise."
         return Verdict("unknown", (), _with_unknown_first(probability), reason)
     chosen: list[str] = []
     total = 0.0
-    among = sum(probability[one.name] for one in effects)
-    for one in effects:
+    among = sum(probability[explanation.name] for explanation in effects)
+    for explanation in effects:
         if len(chosen) == LARGEST_SET:
             break
-        chosen.append(one.name)
-        total += probability[one.name] / among
+        chosen.append(explanation.name)
+        total += probability[explanation.name] / among
         if total >= (IN_SET if len(chosen) > 1 else ALONE):
             break
     if len(chosen) == 1 and (few_drives or chosen[0] in aliased):
-        others = [one.name for one in effects[1:] if few_drives or one.name in aliased]
+        others = [explanation.name for explanation in effects[1:] if few_drives or explanation.name in aliased]
         chosen += others[:1]
     if len(chosen) == 1:
         return Verdict("effect", tuple(chosen), probability, "One effect explains the gap best.")
     return Verdict("class", tuple(chosen), probability, "These effects cannot be told apart on these drives.")
 
 
-def _is_named(one: Explained, probability: Mapping[str, float]) -> bool:
-    """Return whether an effect is likely enough to be the answer, or part of it."""
+def _is_named(explanation: Explained, probability: Mapping[str, float]) -> bool:
+    """Whether an effect is likely enough to be the answer, or part of it."""
     best = max(value for name, value in probability.items() if name not in (NONE, UNKNOWN))
-    return probability[one.name] >= WORTH_NAMING * best
+    return probability[explanation.name] >= WORTH_NAMING * best
 
 
-def _misfit(one: Explained, none: Explained) -> float:
+def _misfit(explanation: Explained, none: Explained) -> float:
     """Return the squared misfit that an explanation leaves; an inflow's error leaves the baseline's."""
-    return one.best_misfit if np.isfinite(one.best_misfit) else none.best_misfit
+    return explanation.best_misfit if np.isfinite(explanation.best_misfit) else none.best_misfit
 
 
 def _with_unknown_first(probability: Mapping[str, float]) -> dict[str, float]:

@@ -150,7 +150,7 @@ class _Judge:
 
 
 def _true_shares(one: Signature, inverse: np.ndarray, by_chance: np.ndarray) -> list[float]:
-    """Return what of a measured signature is no chance of its runs, on the average, at each known strength but 0.
+    """Share of a measured signature that is no chance of its runs, on the average, at each known strength but 0.
 
     Source: the factor of James & Stein (1961), positive part; errors count as correlated as the noise is.
 

@@ -37,7 +37,7 @@ class ExplainedRuns:
     without: DriveTallies | None = None
 
     def difference(self, null: NullModel) -> tuple[np.ndarray, np.ndarray]:
-        """Return by how much features differ from the null's, in units of noise, and the standard error.
+        """Difference of the features from the null's, in units of noise, and its standard error.
 
         Features that these runs do not show count as unchanged, with an infinite error.
         """
@@ -123,7 +123,7 @@ class ExplainedRunner:
         return None if values is None else (values - self.values) / self._step_sizes
 
     def slopes(self, signature: Signature, steps: np.ndarray, strength: float, known: np.ndarray) -> np.ndarray:
-        """Return how features change with each parameter's step and with the strength, once the effect is in.
+        """Change of the features with each parameter's step and with the strength, once the effect is in.
 
         A sensor's effect leaves traffic as it is, so that what is known of the parameters holds.
 

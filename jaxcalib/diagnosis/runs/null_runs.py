@@ -11,6 +11,7 @@ from jaxcalib.diagnosis.features.drive_features import DriveFeatures
 from jaxcalib.diagnosis.features.features import DriveTallies, TallyBook, gather_tallies
 from jaxcalib.diagnosis.features.identities import count_identities
 from jaxcalib.problem.problem import FRAME_INTERVAL_S, CalibrationProblem
+from jaxcalib.runs.disk import checked_disk, writing_to_scratch
 from sim_adapters.interface import RunRequest
 from sim_adapters.shared_runs import departures_apart, departures_s, drives_worth
 from sim_adapters.sumo.simulator import SensorRange, SumoSimulator
@@ -99,7 +100,7 @@ def departures_of_runs(problem: CalibrationProblem) -> list[tuple[float, ...]]:
 
 
 def num_runs_for(problem: CalibrationProblem, num_drives: int) -> int:
-    """Return how many runs tell as much as so many drives with a run of their own."""
+    """Number of runs that tell as much as so many drives with a run of their own."""
     dealt = departures_of_runs(problem)
     per_round = sum(map(len, dealt))
     if per_round == len(dealt):
@@ -136,6 +137,7 @@ def run_null(
 
     Raises:
         AllRunsFailedError: more than half of the runs failed.
+        ResourceError: the disk is full.
     """
     interval_s = fine_interval_s(problem)
     road = features.road
@@ -175,8 +177,11 @@ def run_null(
         frame_interval_s=interval_s,
         end_s=problem.parts.scenario.duration_s,
     ) as simulator:
-        for request, wait in zip(requests, simulator.submit(requests), strict=True):
-            outcomes.append(wait())
+        with writing_to_scratch():
+            waiting = simulator.submit(requests)
+        for request, wait in zip(requests, waiting, strict=True):
+            with writing_to_scratch():  # a run that failed is made again
+                outcomes += checked_disk([wait()])
             on_runs(int(request.depart_s == departures_s(request)[-1]))
     good = [outcome for outcome in outcomes if outcome.status.is_ok]
     if len(good) < (1.0 - MOST_FAILED_SHARE) * len(requests):

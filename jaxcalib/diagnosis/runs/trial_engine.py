@@ -14,7 +14,7 @@ FRAMES_STEP = 128
 
 
 def trial_runner(problem: CalibrationProblem, features: DriveFeatures, first_seed: int) -> TrialRunner:
-    """Return what makes trials of a problem.
+    """The maker of trials of a problem.
 
     Args:
         problem: the problem.

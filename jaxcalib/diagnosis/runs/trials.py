@@ -89,14 +89,14 @@ def pairs_of(one: DriveTallies, other: DriveTallies) -> np.ndarray:
 
 
 def has_pairs(one: DriveTallies, other: DriveTallies) -> bool:
-    """Return whether enough runs succeeded in both of two trials to compare them."""
+    """Whether enough runs succeeded in both of two trials to compare them."""
     return len(pairs_of(one, other)) >= FEWEST_PAIRS
 
 
 def paired_difference(
     one: DriveTallies, other: DriveTallies, cells: Sequence
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return by how much features differ between two trials, its standard error, and per-run influences of the first.
+    """Difference of the features between two trials, its standard error, and per-run influences of the first.
 
     Runs with the same seed are pairs; a pair of which one run failed is left out.
 

@@ -41,4 +41,4 @@ class Saga(Optimiser):
     def tell(self, state: SagaState, told: Told) -> tuple[SagaState, RoundInfo]:
         """Return the state with the next generation."""
         state, info = saga.tell(state, told.accuracy, told.is_ok)
-        return state, RoundInfo(info.num_failed, info.status, info)
+        return state, RoundInfo(info.num_failed, info.status, info.best_candidate, info)

@@ -45,7 +45,7 @@ class TrustRegion(Optimiser):
         """Return the state after a design or trials; a search that has ended begins anew at a random point."""
         weights = np.ones(told.residuals.shape[1])
         search, details = trust_region.tell(state.search, told.residuals, weights, is_ok=told.is_ok)
-        info = RoundInfo(details.num_failed, details.status, details)
+        info = RoundInfo(details.num_failed, details.status, details.center, details)
         if not search.status.is_final:
             return replace(state, search=search), info
         setting = state.setting

@@ -1,3 +1,4 @@
+import errno
 from collections.abc import Callable
 from pathlib import Path
 
@@ -25,6 +26,8 @@ def raising(error: BaseException) -> Callable[[], str]:
         (FAILED, 3, "no run succeeded. Error: the last words."),
         (ResourceError("the disk is full."), 4, "the disk is full."),
         (KeyboardInterrupt(), 130, f"stopped; {GO_ON}"),
+        (OSError(errno.ENOSPC, "No space left on device", "a/b"), 4, "a/b: No space left on device."),
+        (OSError(errno.EROFS, "Read-only file system", "a/b"), 4, "a/b: Read-only file system."),
     ],
 )
 def test_each_kind_of_error_is_one_line_and_a_code(
@@ -42,12 +45,22 @@ def test_the_simulator_s_last_words_are_kept_where_there_is_a_folder(
 ):
     assert guarded(raising(FAILED), GO_ON, tmp_path) == 3
     assert (tmp_path / LOG_FILE).read_text() == "Error: the last words.\n"
-    assert str(tmp_path / LOG_FILE) in capsys.readouterr().err
+    line = f"jaxcalib: no run succeeded. Error: the last words. See {tmp_path / LOG_FILE}.\n"
+    assert capsys.readouterr().err == line
+
+
+def test_the_simulator_s_last_words_are_said_where_they_cannot_be_kept(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    (tmp_path / LOG_FILE).mkdir()
+    assert guarded(raising(FAILED), GO_ON, tmp_path) == 3
+    assert capsys.readouterr().err == "jaxcalib: no run succeeded. Error: the last words.\n"
 
 
 def test_what_other_errors_say_is_not_hidden():
-    with pytest.raises(ZeroDivisionError):
-        guarded(raising(ZeroDivisionError()), GO_ON)
+    for error in (ZeroDivisionError, FileNotFoundError):
+        with pytest.raises(error):
+            guarded(raising(error()), GO_ON)
 
 
 def test_a_command_says_what_its_work_says(capsys: pytest.CaptureFixture[str]):

@@ -56,6 +56,8 @@ def off_the_map(case: Path) -> None:
 WRONG = {
     "a missing file": (missing(OBJECTS), "d01"),
     "a missing network": (missing("scenario/net.net.xml"), "net.net.xml"),
+    "a projection that only SUMO knows": (
+        replaced("scenario/net.net.xml", 'projParameter="[^"]*"', 'projParameter="-"'), "location.projParameter"),
     "a missing key": (replaced("case.toml", r"step_s *= .*\n", ""), "scenario.step_s"),
     "a missing column": (replaced(SUBJECT, "speed_kmh,", "velocity,"), "speed_kmh"),
     "text in a number column": (replaced(OBJECTS, r"\n(\d+\.\d+),", "\nnoon,"), "d01_objects"),

@@ -1,5 +1,6 @@
 """A small road made here, drives on it, and the shared cases where they are installed."""
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 from xml.etree import ElementTree
@@ -86,11 +87,17 @@ def row_map(tmp_path_factory: pytest.TempPathFactory) -> RowMap:
     return read_row_map(file)
 
 
-@pytest.fixture(scope="session")
-def row_map_without_projection(tmp_path_factory: pytest.TempPathFactory) -> RowMap:
-    file = tmp_path_factory.mktemp("net") / "plain.net.xml"
-    file.write_text(small_net_xml("!"))
-    return read_row_map(file)
+@pytest.fixture
+def row_map_projected(tmp_path: Path) -> Callable[[str | None], RowMap]:
+    """Return what reads the road from a network with another projection; None for one without a location."""
+
+    def read(projection: str | None) -> RowMap:
+        file = tmp_path / "plain.net.xml"
+        text = small_net_xml(projection or "")
+        file.write_text(text if projection is not None else re.sub("<location[^>]*>", "", text))
+        return read_row_map(file)
+
+    return read
 
 
 @pytest.fixture(scope="session")

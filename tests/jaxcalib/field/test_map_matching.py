@@ -103,11 +103,16 @@ def test_the_projection_is_that_of_sumolib(geometry: RouteGeometry, row_map: Row
     np.testing.assert_allclose(found, by_sumolib, atol=1e-9)
 
 
-def test_a_network_without_projection_is_refused(row_map_without_projection: RowMap):
+@pytest.mark.parametrize("projection", ["!", "-", "UTM", "+proj=utm +zone=999", None])
+def test_a_network_without_a_projection_of_proj_is_refused(
+    projection: str | None, row_map_projected: Callable[[str | None], RowMap]
+):
+    """SUMO calls none "!", and "-" and "UTM" are ways of its own from degrees to metres."""
     with pytest.raises(CaseError) as error:
-        build_route_geometry(row_map_without_projection)
+        build_route_geometry(row_map_projected(projection))
     assert str(error.value) == (
-        "plain.net.xml: location: expected a geographic projection; the logs' longitude and latitude refer to it."
+        "plain.net.xml: location.projParameter: expected a projection as PROJ writes it, for logs hold longitude and "
+        f'latitude; got "{projection or ""}". Build the network from geographic data with netconvert --proj.utm.'
     )
 
 

@@ -17,19 +17,26 @@ from tests.places import CORRIDOR
 read_once = functools.cache(read_problem)
 
 
-def outcome_of(problem: CalibrationProblem, request: RunRequest) -> RunOutcome:
-    fails = round(1e6 * request.values[2]) % 7 == 0
+StatusOf = Callable[[RunRequest], Status]
+
+
+def some_collide(request: RunRequest) -> Status:
+    return Status.COLLIDED if round(1e6 * request.values[2]) % 7 == 0 else Status.OK
+
+
+def outcome_of(problem: CalibrationProblem, request: RunRequest, status: Status) -> RunOutcome:
     tally = problem.field_tally[request.seed % len(problem.drives)] * (1.0 + 1e-4 * request.values[0])
     counts = np.asarray([900, 100])
-    status = Status.COLLIDED if fails else Status.OK
-    return RunOutcome(request, status, None if fails else tally, counts, counts - 1, 3 * fails, wall_s=0.5)
+    observed, num_collisions = (tally, 0) if status.is_ok else (None, 3)
+    words = f"words of seed {request.seed}" if status is Status.FAILED else ""
+    return RunOutcome(request, status, observed, counts, counts - 1, num_collisions, wall_s=0.5, log_tail=words)
 
 
 class ToyEngine:
     """Makes blocks at once; stops where it is told to."""
 
-    def __init__(self, problem: CalibrationProblem, stop_before: int | None = None) -> None:
-        self.problem, self.stop_before, self.made = problem, stop_before, 0
+    def __init__(self, problem: CalibrationProblem, stop_before: int | None, status_of: StatusOf) -> None:
+        self.problem, self.stop_before, self.status_of, self.made = problem, stop_before, status_of, 0
         self.is_closed = False
 
     def outcomes(self, plan: SweepPlan, blocks: Iterable[int]) -> Iterator[tuple[int, list[RunOutcome]]]:
@@ -37,7 +44,8 @@ class ToyEngine:
             if self.made == self.stop_before:
                 raise KeyboardInterrupt
             self.made += 1
-            yield block, [outcome_of(self.problem, request) for request in plan.requests(block)]
+            requests = plan.requests(block)
+            yield block, [outcome_of(self.problem, request, self.status_of(request)) for request in requests]
 
     def close(self) -> None:
         self.is_closed = True
@@ -49,9 +57,9 @@ def toy(monkeypatch: pytest.MonkeyPatch) -> Callable[..., list[ToyEngine]]:
     monkeypatch.setattr(module, "read_problem", lambda case: read_once(CORRIDOR))
     used: list[ToyEngine] = []
 
-    def put(stop_before: int | None = None) -> list[ToyEngine]:
+    def put(stop_before: int | None = None, status_of: StatusOf = some_collide) -> list[ToyEngine]:
         def engine(problem: CalibrationProblem, name: str) -> ToyEngine:
-            used.append(ToyEngine(problem, stop_before))
+            used.append(ToyEngine(problem, stop_before, status_of))
             return used[-1]
 
         monkeypatch.setattr(module, "local_engine", engine)

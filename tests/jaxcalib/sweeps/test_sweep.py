@@ -16,10 +16,13 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from jaxcalib.cli import app as cli
+from jaxcalib.cli.guarded import EXIT_SIMULATOR_FAILED
 from jaxcalib.errors import CaseError, ResourceError
 from jaxcalib.sweeps.report import report_files
 from jaxcalib.sweeps.store import METADATA_KEY, SweepStore
 from jaxcalib.sweeps.sweep import SweepResult, merge_shards, sweep
+from sim_adapters.interface import Status
 from tests.places import CORRIDOR
 
 NUM_CANDIDATES, NUM_SEEDS = 100, 5  # 500 rows in 8 blocks, the last one short
@@ -127,6 +130,34 @@ def test_a_report_that_a_kill_left_out_is_written_by_the_next_call(
     assert run(out, resume=True).num_made == 0
     assert run(out, resume=True).num_made == 0
     assert written == [out]
+
+
+@pytest.mark.parametrize("status", [Status.FAILED, Status.COLLIDED])
+def test_a_sweep_of_which_every_run_failed_says_so(
+    status: Status, toy: Callable, with_report: None, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    """Code 3 and the first failure's words in one line; the table is kept."""
+    toy(status_of=lambda request: status)
+    out = tmp_path / "sweep.parquet"
+    words = "words of seed 3000000" if status is Status.FAILED else "vehicles overlapped for a longer time"
+    line = f"jaxcalib: all 8 runs failed (8 {status.name}), see {out}. {words}\n"
+
+    def command(**more) -> int:
+        options = {"design": "lhs:4", "seeds": 2, "seed": 3, "quiet": True} | more
+        return cli.sweep(CORRIDOR, out=out, **options)
+
+    for more in ({}, {"resume": True}, {"merge": True}):
+        assert command(**more) == EXIT_SIMULATOR_FAILED
+        assert capsys.readouterr().err == line
+        assert len(pd.read_parquet(out)) == 8
+    out.unlink()
+    assert command(shard="1/1") == 0  # a job need not be all of the sweep
+    assert command(merge=True) == EXIT_SIMULATOR_FAILED
+
+
+def test_a_sweep_of_which_a_run_succeeded_is_done(toy: Callable, tmp_path: Path):
+    toy(status_of=lambda request: Status.OK if request.seed == 3_000_001 else Status.FAILED)
+    assert cli.sweep(CORRIDOR, out=tmp_path / "sweep.parquet", design="lhs:4", seeds=2, seed=3, quiet=True) == 0
 
 
 def test_jobs_share_a_folder_and_merging_checks_that_nothing_is_missing(toy, tmp_path: Path):

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from sim_adapters.sumo.job import SumoJob, SumoRun
+from sim_adapters.sumo.job import LOG_FILE, SumoJob, SumoRun
+from sim_adapters.sumo.worker import standard_error_in
 
 
 def tries_of(job: SumoJob) -> Path:
@@ -70,8 +71,15 @@ def hang(job: SumoJob) -> SumoRun:
 
 def complain(job: SumoJob) -> SumoRun:
     """Leave words in SUMO's log and fail."""
-    (job.folder / "errors.log").write_text("Error: the last words.\n")
+    (job.folder / LOG_FILE).write_text("Error: the last words.\n")
     raise RuntimeError("no such lane")
+
+
+def die_with_last_words(job: SumoJob) -> SumoRun:
+    """Take the process along as SUMO's C++ does, which says why on standard error."""
+    with standard_error_in(job.folder / LOG_FILE):
+        os.write(2, b"terminate called without an active exception\n")
+        os._exit(7)
 
 
 def see_nothing(job: SumoJob) -> SumoRun:

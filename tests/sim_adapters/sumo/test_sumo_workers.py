@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from sim_adapters.interface import ParameterLayout, RunOutcome, RunRequest, Status
-from sim_adapters.scenario.scenario import Scenario
+from sim_adapters.scenario.scenario import Scenario, read_scenario
 from sim_adapters.scenario.scenario_writer import WrittenScenario, write_scenario
 from sim_adapters.sumo import simulator as sumo_simulator
 from sim_adapters.sumo.job import SumoJob, SumoRun
@@ -34,15 +34,18 @@ def mean_speed(frames: Any) -> np.ndarray:
 def make_runs(corridor: Scenario, layout: ParameterLayout, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Run:
     """Return a function that makes runs with another worker function, and sees that nothing is left behind."""
 
-    def make(worker: Callable[[SumoJob], SumoRun] | None, seeds: Sequence[int], **options: Any) -> list[RunOutcome]:
+    def make(
+        worker: Callable[[SumoJob], SumoRun] | None, seeds: Sequence[int], scenario: Scenario = corridor, **options: Any
+    ) -> list[RunOutcome]:
         if worker is not None:
             monkeypatch.setattr(sumo_simulator, "run_job", worker)
+        before = sorted(path for path in tmp_path.iterdir() if path.is_dir())
         simulator = SumoSimulator(
-            corridor, layout, mean_speed, SensorRange(150.0, 150.0), "ego", 0.5, 40.0, 1, scratch=tmp_path, **options
+            scenario, layout, mean_speed, SensorRange(150.0, 150.0), "ego", 0.5, 40.0, 1, scratch=tmp_path, **options
         )
         with simulator:
             outcomes = simulator.run(requests_of(seeds))
-        assert [path for path in tmp_path.iterdir() if path.is_dir()] == []
+        assert sorted(path for path in tmp_path.iterdir() if path.is_dir()) == before
         return outcomes
 
     return make
@@ -95,6 +98,38 @@ def test_the_simulator_s_last_words_are_kept(make_runs: Run):
     assert outcome.status is Status.FAILED
     assert "no such lane" in outcome.log_tail
     assert "the last words" in outcome.log_tail
+
+
+def test_the_last_words_of_a_worker_that_dies_are_kept(make_runs: Run, capfd: pytest.CaptureFixture[str]):
+    (outcome,) = make_runs(broken_workers.die_with_last_words, [1])
+    assert outcome.status is Status.FAILED
+    assert "terminate called without an active exception" in outcome.log_tail
+    assert capfd.readouterr().err == ""
+
+
+@pytest.mark.parametrize(
+    ("spoilt", "words"),
+    [
+        (
+            ('id="car"', 'id="car" color="notacolor"'),
+            "Error: Attribute 'color' in definition of vType 'car' Invalid color",
+        ),
+        (('id="ego"', 'id="ego" departPosLat="nowhere"'), "Invalid departPosLat definition for vehicle 'ego'"),
+    ],
+    ids=["at the start", "when a vehicle comes"],
+)
+def test_sumo_s_own_words_are_kept_and_not_said_twice(
+    spoilt: tuple[str, str], words: str, own_corridor: Path, make_runs: Run, capfd: pytest.CaptureFixture[str]
+):
+    """SUMO's exceptions cannot be sent from a worker; what they say can."""
+    demand = own_corridor / "scenario/demand.rou.xml"
+    demand.write_text(demand.read_text().replace(*spoilt, 1))
+    scenario = read_scenario(own_corridor / "scenario/scenario.sumocfg", own_corridor, "ego", 720.0)
+    (outcome,) = make_runs(None, [1], scenario=scenario)
+    assert outcome.status is Status.FAILED
+    assert outcome.log_tail.startswith(words)
+    assert "pickle" not in outcome.log_tail
+    assert capfd.readouterr().err == ""
 
 
 def test_a_drive_without_frames_lacks_the_subject_vehicle(make_runs: Run):
