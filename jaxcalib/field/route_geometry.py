@@ -112,8 +112,16 @@ def build_route_geometry(row_map: RowMap) -> RouteGeometry:
         lane_centre_m=centre_m,
         lane_width_m=width_m,
         projection=_projection(network),
-        net_offset_m=tuple(net.getLocationOffset()),
+        net_offset_m=_offset_m(net),
     )
+
+
+def _offset_m(net: Any) -> tuple[float, float]:
+    """What SUMO adds to projected coordinates; nothing where the network has no <location>."""
+    try:
+        return tuple(net.getLocationOffset())
+    except KeyError:
+        return (0.0, 0.0)
 
 
 def _projection(network: RouteNetwork) -> Any:

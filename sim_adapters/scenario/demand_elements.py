@@ -122,7 +122,7 @@ def time_of(file: Path, element: ET.Element, attribute: str, otherwise_s: float)
     """
     text = element.get(attribute)
     seconds = otherwise_s if text is None else read_time_s(text)
-    if seconds is None or seconds < 0.0:
+    if seconds is None or not seconds >= 0.0:
         raise _expected(file, element, attribute, text or "", "a time")
     return seconds
 
