@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxcalib.problem.engines import DECISION_INTERVAL_S, OBJECTS_PER_ROW
-from jaxcalib.problem.problem import FRAME_INTERVAL_S, CalibrationProblem
+from jaxcalib.problem.problem import CalibrationProblem
 from sim_adapters.jax.simulator import usual_runs_per_device
 from sim_adapters.world.world_builder import WorldTemplate
 from surrogate.loop.run_state import RunPlan, RunRecord
@@ -71,7 +71,7 @@ def measure_road(
     capacity = int(SPARE * num_vehicles) + MORE_ROOM
     num_runs = num_runs or usual_runs_per_device(capacity)
     clock = Clock(problem.parts.scenario.step_s, round(DECISION_INTERVAL_S / problem.parts.scenario.step_s))
-    plan = RunPlan(clock, capacity + template.road.num_rows, round(FRAME_INTERVAL_S / clock.step_s))
+    plan = RunPlan(clock, capacity + template.road.num_rows, round(problem.frame_interval_s / clock.step_s))
     perception = problem.case.perception
     sensor = Sensor(jnp.asarray(perception.ahead_m), jnp.asarray(perception.behind_m), OBJECTS_PER_ROW)
     axes = template.batch_axes(False)

@@ -20,7 +20,7 @@ from jaxtyping import Array, Float
 from experiments.benchmarks.throughput import CASE
 from jaxcalib.calibration.objective.moments import Moments, all_moments
 from jaxcalib.problem.engines import DECISION_INTERVAL_S, OBJECTS_PER_ROW, expected_vehicles
-from jaxcalib.problem.problem import FRAME_INTERVAL_S, CalibrationProblem, read_problem
+from jaxcalib.problem.problem import CalibrationProblem, read_problem
 from surrogate.loop.run_state import RunPlan
 from surrogate.loop.simulate import observe_batch
 from surrogate.loop.world import Clock
@@ -76,7 +76,7 @@ class Drives:
         template, step_s = problem.template, problem.parts.scenario.step_s
         clock = Clock(step_s, round(DECISION_INTERVAL_S / step_s))
         capacity = expected_vehicles(problem) + template.road.num_rows
-        plan = RunPlan(clock, capacity, round(FRAME_INTERVAL_S / step_s))
+        plan = RunPlan(clock, capacity, round(problem.frame_interval_s / step_s))
         perception, axes = problem.case.perception, template.batch_axes(False)
         sensor = Sensor(jnp.asarray(perception.ahead_m), jnp.asarray(perception.behind_m), OBJECTS_PER_ROW)
 

@@ -4,6 +4,7 @@ import os
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from jaxcalib.calibration.stages.budget import Budget
 from jaxcalib.calibration.stages.evaluator import Evaluations, Evaluator
 from jaxcalib.calibration.value_search import SearchedValues, plan_calibration, search_values
 from jaxcalib.case.case import Role
+from jaxcalib.errors import CaseError
 from jaxcalib.problem.engines import prepare_devices, sumo_engine, surrogate_engine
 from jaxcalib.problem.parameter_space import parameter_space, round_values
 from jaxcalib.problem.problem import CalibrationProblem, read_problem
@@ -27,6 +29,9 @@ from jaxcalib.runs.run_folder import identify
 from jaxcalib.runs.seeds import CONFIRMATION_SEED, FINAL_SEEDS, MOST_SEED, SEARCH_SEED
 from jaxcalib.runs.session import Session, open_session
 from sim_adapters.jax.simulator import JaxSimulator
+from sim_adapters.scenario.finding import Level
+
+SearchEngine = Literal["auto", "surrogate", "sumo"]
 
 
 def calibrate(
@@ -37,6 +42,7 @@ def calibrate(
     budget: float = 1.0,
     resume: bool = False,
     settings: Settings | Path | None = None,
+    engine: SearchEngine = "auto",
     progress: Progress | None = None,
 ) -> CalibrationResult:
     """Calibrate demand and driver behaviour of a case.
@@ -48,6 +54,8 @@ def calibrate(
         budget: factor on the numbers of runs; the same budget does the same work on any machine.
         resume: go on with what `out` holds.
         settings: further options, or a TOML file of them.
+        engine: which simulator makes the search's runs: the surrogate wherever it can follow the scenario ("auto"), or
+            SUMO alone.
         progress: told how far it is.
 
     Returns:
@@ -69,11 +77,12 @@ def calibrate(
     problem = read_problem(case)
     demand = problem.template.base_demand_vehph()
     parameter_space(problem.layout, problem.model, demand, chosen.scaling_factor, chosen.bounds)  # are they sound?
-    options = {"seed": seed, "budget": budget, "settings": repr(chosen)}
+    in_sumo = is_searched_in_sumo(problem, engine)
+    options = {"seed": seed, "budget": budget, "settings": repr(chosen)} | ({"engine": "sumo"} if in_sumo else {})
     with open_session(
         out, identify(problem.case, options), seed=seed, progress=progress, resume=resume, began_s=began_s
     ) as session:
-        record = find_and_judge_values(problem, chosen, budget, session)
+        record = find_and_judge_values(problem, chosen, budget, session, in_sumo=in_sumo)
         session.progress.stage("report")
         record.wall_s["total"] = session.elapsed_s
         result = build_result(record)
@@ -81,18 +90,30 @@ def calibrate(
         return result
 
 
+def is_searched_in_sumo(problem: CalibrationProblem, engine: SearchEngine) -> bool:
+    """Whether SUMO makes the search's runs: because it was asked for, or because the surrogate cannot follow.
+
+    Raises:
+        CaseError: the surrogate was asked for, and cannot.
+    """
+    reasons = [str(one) for one in problem.scenario.findings if one.level is Level.SUMO_ALONE]
+    if engine == "surrogate" and reasons:
+        raise CaseError("command line", "--engine", f"expected auto or sumo; the surrogate cannot follow: {reasons[0]}")
+    return engine == "sumo" or (engine == "auto" and bool(reasons))
+
+
 def find_and_judge_values(
-    problem: CalibrationProblem, settings: Settings, scale: float, session: Session
+    problem: CalibrationProblem, settings: Settings, scale: float, session: Session, *, in_sumo: bool = False
 ) -> CalibrationRecord:
-    """Search the values of a problem in both simulators, and run the result and the scenario as it was in SUMO."""
-    plan = plan_calibration(problem, settings, scale)
+    """Search the values of a problem, and run the result and the scenario as it was in SUMO."""
+    plan = plan_calibration(problem, settings, scale, in_sumo=in_sumo)
     session.stopwatch.add("reading", time.perf_counter() - session.began_s)
     session.progress.plan(plan.num_surrogate_runs, plan.num_sumo_runs)
-    engine = surrogate_engine(problem)
+    engine = None if in_sumo else surrogate_engine(problem)
     with sumo_engine(problem) as sumo_pool:
         sumo = JournaledSumo(sumo_pool, session.journal)
         searched = search_values(problem, settings, plan, engine, sumo, session)
-        on_held_out = surrogate_on_held_out(problem, engine, searched, plan, session)
+        on_held_out = surrogate_on_held_out(problem, engine, searched, plan, session) if engine else None
         session.progress.stage("final_errors")
         with session.stopwatch.time("final_errors"):
             calibrated, uncalibrated = (
@@ -103,7 +124,7 @@ def find_and_judge_values(
                 {role: wait() for role, wait in waiting.items()} for waiting in (calibrated, uncalibrated)
             ]
         processes = sumo_pool.num_processes
-    session.stopwatch.add("compile", engine.compile_s)
+    session.stopwatch.add("compile", engine.compile_s if engine else 0.0)
     return CalibrationRecord(
         problem=problem,
         settings=settings,
@@ -119,7 +140,8 @@ def find_and_judge_values(
             "confirmation": session.first_seed + CONFIRMATION_SEED,
             **{f"final_{role}": session.first_seed + one for role, one in FINAL_SEEDS.items()},
         },
-        num_surrogate_runs=searched.surrogate.num_runs,
+        num_surrogate_runs=0 if in_sumo else searched.surrogate.num_runs,
+        num_sumo_search_runs=searched.surrogate.num_runs if in_sumo else 0,
         surrogate_on_held_out=on_held_out,
         num_sumo_processes=processes,
         wall_s=session.stopwatch.wall_s,

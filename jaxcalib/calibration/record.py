@@ -28,7 +28,8 @@ class CalibrationRecord:
         calibrated: SUMO runs of the result, by role of the drives.
         uncalibrated: SUMO runs of the scenario as it was.
         search_seeds: first seed of each kind of run.
-        num_surrogate_runs: runs of the search in the surrogate.
+        num_surrogate_runs: runs of the search in the surrogate; 0 where SUMO made the search's runs.
+        num_sumo_search_runs: drives of the search in SUMO, where it made the search's runs.
         surrogate_on_held_out: the surrogate's runs of the result on held-out drives; None where no drive is held out.
         num_sumo_processes: SUMO runs side by side.
         wall_s: time of each part.
@@ -48,3 +49,4 @@ class CalibrationRecord:
     surrogate_on_held_out: Evaluations | None
     num_sumo_processes: int
     wall_s: dict[str, float] = field(default_factory=dict)
+    num_sumo_search_runs: int = 0

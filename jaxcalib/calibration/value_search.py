@@ -19,9 +19,9 @@ from jaxcalib.runs.session import Session
 from sim_adapters.jax.simulator import JaxSimulator
 
 
-def plan_calibration(problem: CalibrationProblem, settings: Settings, scale: float) -> Budget:
+def plan_calibration(problem: CalibrationProblem, settings: Settings, scale: float, *, in_sumo: bool = False) -> Budget:
     """Return the numbers of runs of a calibration with the user's options; see `plan_budget`."""
-    plan = plan_budget(problem, scale)
+    plan = plan_budget(problem, scale, in_sumo=in_sumo)
     return replace(plan, confirmation_rounds=1) if "correction" in settings.without else plan
 
 
@@ -51,7 +51,7 @@ def search_values(
     problem: CalibrationProblem,
     settings: Settings,
     plan: Budget,
-    engine: JaxSimulator,
+    engine: JaxSimulator | None,
     sumo: JournaledSumo,
     session: Session,
 ) -> SearchedValues:
@@ -61,7 +61,7 @@ def search_values(
         problem: the problem.
         settings: the user's options.
         plan: numbers of runs.
-        engine: the surrogate; compiled while the logs are fitted.
+        engine: the surrogate; compiled while the logs are fitted. None where SUMO makes the search's runs, too.
         sumo: SUMO.
         session: seeds, journal, progress and time of the command.
 
@@ -71,7 +71,7 @@ def search_values(
     # a run that the final errors need anyway
     check = start_scenario_check(problem, session.first_seed, sumo.start)
     with ThreadPoolExecutor(1) as thread:
-        compiled = thread.submit(engine.prepare)  # meanwhile the logs are fitted
+        compiled = thread.submit(engine.prepare if engine else lambda: None)  # meanwhile the logs are fitted
         session.progress.stage("initial_values")
         with session.stopwatch.time("initial_values"):
             initial = find_initial_point(problem, settings.scaling_factor, settings.bounds, session.seed)
@@ -80,10 +80,11 @@ def search_values(
         compiled.result()
     check()
     surrogate = Evaluator(
-        JournaledSurrogate(engine, session.journal),
+        JournaledSurrogate(engine, session.journal) if engine else sumo,
         problem.departs_s("fit"),
         session.first_seed + SEARCH_SEED,
         session.progress.surrogate_runs,
+        shares_runs=engine is None and problem.template.can_share_runs,
     )
     found = search_two_stages(problem, initial, surrogate, settings, plan, session)
     confirming = Evaluator(

@@ -196,12 +196,11 @@ def require_scenario(case: Case) -> ScenarioParts:
     Raises:
         CaseError: the case leaves one of them out.
     """
-    if case.scenario is None or case.subject is None or case.behaviour is None or not case.inputs:
+    if case.scenario is None or case.subject is None or case.behaviour is None:
         parts = {
             "[scenario]": case.scenario,
             "[subject]": case.subject,
             "[behaviour]": case.behaviour,
-            "[[input]]": case.inputs,
         }
         missing = ", ".join(name for name, part in parts.items() if not part)
         raise CaseError(FILE_NAME, missing, "expected for everything that runs the scenario; missing here.")

@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from jaxcalib.errors import CaseError, quote
-from jaxcalib.field.table_files import ColumnTable, Kind, SizeLimit, read_columns, row_place
+from jaxcalib.field.logged_place import LoggedPlace, logged_place, place_columns
+from jaxcalib.field.table_files import ColumnTable, Kind, SizeLimit, column_names, read_columns, row_place
 from sim_adapters.units import mps_from_kmh
 
 LANE_UNKNOWN = 0
@@ -28,8 +29,6 @@ SUBJECT_COLUMNS: Mapping[str, Kind] = {
     "speed_limit_kmh": "number",
     "speed_kmh": "number",
     "yaw_rate_radps": "number",
-    "longitude_rad": "number",
-    "latitude_rad": "number",
     "acceleration_mps2": "number",
     "lane": "number",
     "lane_offset_m": "number",
@@ -56,8 +55,7 @@ class SubjectLog:
         speed_limit_mps: legal limit.
         speed_mps: speed.
         yaw_rate_radps: angular velocity around the vertical axis.
-        longitude_rad: longitude of the front bumper's middle.
-        latitude_rad: its latitude.
+        place: where the front bumper's middle is.
         acceleration_mps2: longitudinal acceleration.
         lane: 1 = rightmost, LANE_UNKNOWN where empty.
         lane_offset_m: centre line to the nearest lane marking.
@@ -70,8 +68,7 @@ class SubjectLog:
     speed_limit_mps: np.ndarray
     speed_mps: np.ndarray
     yaw_rate_radps: np.ndarray
-    longitude_rad: np.ndarray
-    latitude_rad: np.ndarray
+    place: LoggedPlace
     acceleration_mps2: np.ndarray
     lane: np.ndarray
     lane_offset_m: np.ndarray
@@ -130,7 +127,8 @@ def read_subject_log(
         CaseError: see `read_columns`; times that do not increase or lie outside the scenario's clock; a sampling rate
             outside of 1 to 25 Hz; a value that the quantity cannot have.
     """
-    table = read_columns(file, SUBJECT_COLUMNS, limit)
+    kind, columns = place_columns(file, column_names(file))
+    table = read_columns(file, {**SUBJECT_COLUMNS, **columns}, limit)
     if table.num_rows < 2:
         raise CaseError(file, "", f"expected at least two rows of data, got {table.num_rows}.")
     time_s = table.numbers["time_s"]
@@ -148,8 +146,9 @@ def read_subject_log(
         raise CaseError(file, "column time_s", expected)
     _check_range(table, "speed_kmh", 0.0, HIGHEST_SPEED_KMH, "a speed of 0 to 400 km/h")
     _check_range(table, "speed_limit_kmh", 0.0, HIGHEST_SPEED_KMH, "a speed of 0 to 400 km/h")
-    _check_range(table, "longitude_rad", -np.pi, np.pi, "radians, -pi to pi")
-    _check_range(table, "latitude_rad", -np.pi / 2, np.pi / 2, "radians, -pi/2 to pi/2")
+    if kind == "globe":
+        _check_range(table, "longitude_rad", -np.pi, np.pi, "radians, -pi to pi")
+        _check_range(table, "latitude_rad", -np.pi / 2, np.pi / 2, "radians, -pi/2 to pi/2")
     index, words = table.texts["road"]
     return SubjectLog(
         file=file,
@@ -158,8 +157,7 @@ def read_subject_log(
         speed_limit_mps=_speeds_mps(table, "speed_limit_kmh"),
         speed_mps=_speeds_mps(table, "speed_kmh"),
         yaw_rate_radps=table.numbers["yaw_rate_radps"],
-        longitude_rad=table.numbers["longitude_rad"],
-        latitude_rad=table.numbers["latitude_rad"],
+        place=logged_place(table, kind),
         acceleration_mps2=table.numbers["acceleration_mps2"],
         lane=_lanes(table),
         lane_offset_m=table.numbers["lane_offset_m"],

@@ -1,4 +1,4 @@
-"""Finds where on the route something is: from longitude and latitude, or from a lane number and a place across."""
+"""Finds where on the route something is: from a point in the plane, or from a lane number and a place across."""
 
 from dataclasses import dataclass
 
@@ -54,15 +54,6 @@ class LaneMatch:
     misplaced: np.ndarray
     off_road: np.ndarray
     unknown: np.ndarray
-
-
-def project(geometry: RouteGeometry, longitude_rad: np.ndarray, latitude_rad: np.ndarray) -> np.ndarray:
-    """Return points (x, y) in the network's plane; inf where the projection does not reach.
-
-    Source: `sumolib.net.Net.convertLonLat2XY`, for arrays.
-    """
-    x, y = geometry.projection(np.degrees(longitude_rad), np.degrees(latitude_rad))
-    return np.stack([np.asarray(x), np.asarray(y)], axis=-1) + np.asarray(geometry.net_offset_m)
 
 
 def match_points(geometry: RouteGeometry, xy: np.ndarray) -> MatchedPoints:

@@ -13,7 +13,6 @@ from jaxcalib.field.map_matching import (
     match_lanes,
     match_points,
     match_points_in_rows,
-    project,
 )
 from jaxcalib.field.route_geometry import RouteGeometry
 from jaxcalib.field.table_files import row_place
@@ -50,17 +49,24 @@ def match_subject(geometry: RouteGeometry, log: SubjectLog) -> MatchedSubject:
         CaseError: most rows have no place, a place is far from the route, the road has no lane of that number there, or
             lane and place contradict each other too often.
     """
-    has_place = ~np.isnan(log.longitude_rad) & ~np.isnan(log.latitude_rad) & ~np.isnan(log.speed_mps)
+    has_place = ~log.place.is_missing & ~np.isnan(log.speed_mps)
     log_row = np.flatnonzero(has_place)
-    refuse_if_most(log.file, ~has_place, "expected longitude_rad, latitude_rad and speed_kmh; one is missing")
-    xy = project(geometry, log.longitude_rad[log_row], log.latitude_rad[log_row])
+    refuse_if_most(log.file, ~has_place, f"expected {log.place.columns} and speed_kmh; one is missing")
+    if log.place.kind == "globe" and not geometry.has_projection:
+        raise CaseError(
+            log.file,
+            f"columns {log.place.columns}",
+            "expected places in the network's own coordinates (columns x_m, y_m, or edge, position_m); the network has "
+            "no projection that longitude and latitude could refer to.",
+        )
+    xy = log.place.points(geometry, log_row)
     reached = np.asarray(np.isfinite(xy).all(axis=1))
     point = match_points(geometry, np.where(reached[:, None], xy, 1e9))
     far = point.distance_m > FARTHEST_FROM_ROUTE_M
     if np.any(far):
         index = int(np.argmax(far))
-        distance = f"{point.distance_m[index]:.0f} m away" if reached[index] else "outside of the projection"
-        place = f"{row_place(int(log_row[index]))}, columns longitude_rad, latitude_rad"
+        distance = f"{point.distance_m[index]:.0f} m away" if reached[index] else "off the route"
+        place = f"{row_place(int(log_row[index]))}, columns {log.place.columns}"
         raise CaseError(
             log.file, place, f"expected a place within {FARTHEST_FROM_ROUTE_M:g} m of the route, got one {distance}."
         )
@@ -72,7 +78,7 @@ def match_subject(geometry: RouteGeometry, log: SubjectLog) -> MatchedSubject:
     if wrong_share > MOST_CONTRADICTING:
         index = int(np.argmax(lanes.contradicts))
         expected = (
-            f"expected the lane where longitude and latitude lie, got {log.lane[log_row[index]]}; "
+            f"expected the lane where {log.place.columns} lie, got {log.lane[log_row[index]]}; "
             f"{wrong_share:.0%} of the rows contradict so."
         )
         raise CaseError(log.file, row_place(int(log_row[index]), "lane"), expected)
@@ -119,10 +125,10 @@ def _subject_warnings(
     name, num_rows = log.file.name, len(log.time_s)
     steps_m = np.diff(table.position_m)
     found = [
-        (num_rows - len(table.time_s), "rows have no longitude, latitude or speed and are left out"),
+        (num_rows - len(table.time_s), "rows have no place or no speed and are left out"),
         (int(np.isnan(log.acceleration_mps2).sum()), "rows have no acceleration; it is taken from the speeds"),
-        (num_contradicting_lanes, "rows have a lane other than where longitude and latitude lie; the lane counts"),
-        (num_contradicting_roads, "rows name a road other than where longitude and latitude lie; the place counts"),
+        (num_contradicting_lanes, "rows have a lane other than where the place lies; the lane counts"),
+        (num_contradicting_roads, "rows name a road other than where the place lies; the place counts"),
         (int((steps_m < -BACKWARDS_M).sum()), f"rows lie more than {BACKWARDS_M:g} m behind the row before"),
     ]
     warnings = [f"{name}: {count} of {num_rows} {what}." for count, what in found if count]

@@ -6,10 +6,8 @@ from typing import Any
 import numpy as np
 from scipy.spatial import KDTree
 
-from jaxcalib.errors import CaseError, quote
 from sim_adapters.scenario.road_builder import RowMap
 from sim_adapters.scenario.route_network import RouteNetwork
-from sim_adapters.scenario.sumo_files import read_xml
 
 SAMPLE_M = 1.0  # distance of the points that the nearest lane is looked up among
 
@@ -37,7 +35,7 @@ class RouteGeometry:
         row_of_lane: row of each (edge, lane), -1 where there is no such lane.
         lane_centre_m: centre of each (edge, lane) across the road, + left, in one coordinate for the whole route.
         lane_width_m: its width.
-        projection: of the network, from longitude and latitude in degrees.
+        projection: of the network, from longitude and latitude in degrees; None where it has none.
         net_offset_m: added to the projected coordinates.
     """
 
@@ -64,6 +62,20 @@ class RouteGeometry:
         """Length of the route."""
         return float(self.edge_end_m[-1])
 
+    @property
+    def has_projection(self) -> bool:
+        """Whether longitude and latitude mean something in the network."""
+        return self.projection is not None
+
+    def point_on_edge(self, edge: int, position_m: float) -> np.ndarray:
+        """Point (x, y) on the rightmost lane of an edge (its index), at a distance from the edge's beginning."""
+        order = self.by_row[int(self.row_of_lane[edge, 0])]
+        place_m = float(self.edge_start_m[edge]) + position_m
+        before = int(np.searchsorted(self.begin_m[order], place_m, side="right")) - 1
+        segment = order[int(np.clip(before, 0, len(order) - 1))]
+        share = np.clip((place_m - self.begin_m[segment]) / self.length_m[segment], 0.0, 1.0)
+        return self.begin_xy[segment] + share * self.step_xy[segment]
+
     def edge_at(self, position_m: np.ndarray) -> np.ndarray:
         """Return the index of the edge at a position; before and behind the route the first and the last one."""
         index = np.searchsorted(self.edge_start_m, position_m, side="right") - 1
@@ -71,14 +83,9 @@ class RouteGeometry:
 
 
 def build_route_geometry(row_map: RowMap) -> RouteGeometry:
-    """Return the geometry of the route's carriageway.
-
-    Raises:
-        CaseError: the network has no projection that can be used.
-    """
+    """Return the geometry of the route's carriageway."""
     network = row_map.network
     net, edges = network.net, network.main_edges
-    projection = _projection(network)
     pieces = [
         (row_map.row_of_lane[(edge, index)], shape, start_m, end_m)
         for number, edge in enumerate(edges)
@@ -104,26 +111,28 @@ def build_route_geometry(row_map: RowMap) -> RouteGeometry:
         row_of_lane=row_of_lane,
         lane_centre_m=centre_m,
         lane_width_m=width_m,
-        projection=projection,
-        net_offset_m=tuple(net.getLocationOffset()),
+        projection=_projection(network),
+        net_offset_m=_offset_m(net),
     )
 
 
-def _projection(network: RouteNetwork) -> Any:
-    """Return the projection from longitude and latitude in degrees to the network's plane, less its offset.
+def _offset_m(net: Any) -> tuple[float, float]:
+    """What SUMO adds to projected coordinates; nothing where the network has no <location>."""
+    try:
+        return tuple(net.getLocationOffset())
+    except KeyError:
+        return (0.0, 0.0)
 
-    Raises:
-        CaseError: there is none ("!"), or one that only SUMO knows ("-", "UTM").
+
+def _projection(network: RouteNetwork) -> Any:
+    """The projection from longitude and latitude in degrees to the network's plane, less its offset.
+
+    None where there is none ("!"), or one that only SUMO knows ("-", "UTM").
     """
     try:
         return network.net.getGeoProj()
     except (KeyError, RuntimeError):  # no <location>; what PROJ cannot read
-        location = read_xml(network.file).find("location")
-        found = "" if location is None else location.get("projParameter", "")
-        raise CaseError(
-            network.file, "location.projParameter", "expected a projection as PROJ writes it, for logs hold longitude "
-            f"and latitude; got {quote(found)}. Build the network from geographic data with netconvert --proj.utm.",
-        ) from None  # fmt: skip
+        return None
 
 
 def _lane_pieces(row_map: RowMap, number: int, index: int) -> list[tuple[np.ndarray, float, float]]:

@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxcalib.problem.problem import FRAME_INTERVAL_S, CalibrationProblem
+from jaxcalib.problem.problem import CalibrationProblem
 from jaxcalib.runs.disk import writing_to_scratch
 from sim_adapters.jax.program_store import program_store
 from sim_adapters.jax.simulator import JaxSimulator
@@ -60,7 +60,7 @@ def surrogate_engine(
         end_s=scenario.duration_s,
         capacity=expected_vehicles(problem, spare_capacity),
         runs_per_device=runs_per_device,
-        frame_interval_s=FRAME_INTERVAL_S,
+        frame_interval_s=problem.frame_interval_s,
         most_overfull_share=most_overfull_share,
         programs=program_store(),
     )
@@ -81,7 +81,7 @@ def sumo_engine(
         counter: counts vehicles instead, up to the end of the scenario.
     """
     perception, clock = problem.case.perception, _clock(problem)
-    plan = RunPlan(clock, 0, round(FRAME_INTERVAL_S / clock.step_s))
+    plan = RunPlan(clock, 0, round(problem.frame_interval_s / clock.step_s))
     with writing_to_scratch():
         return SumoSimulator(
             scenario=problem.scenario,
@@ -89,7 +89,7 @@ def sumo_engine(
             fold=fold or problem.fold,
             sensor=SensorRange(perception.ahead_m, perception.behind_m),
             subject_vehicle=problem.parts.subject.vehicle,
-            frame_interval_s=FRAME_INTERVAL_S,
+            frame_interval_s=problem.frame_interval_s,
             end_s=problem.parts.scenario.duration_s,
             num_processes=num_processes,
             counter=counter,

@@ -9,7 +9,7 @@ from pathlib import Path
 import jax.numpy as jnp
 import numpy as np
 
-from jaxcalib.case.case import Case, Role, ScenarioParts, read_case, require_scenario
+from jaxcalib.case.case import Case, Input, Role, ScenarioParts, read_case, require_scenario
 from jaxcalib.case.case_file import FILE_NAME
 from jaxcalib.errors import CaseError, quote
 from jaxcalib.field.field_log import DriveLog, read_drives
@@ -33,12 +33,13 @@ from jaxcalib.problem.problem_checks import (
 from sim_adapters.errors import ScenarioError
 from sim_adapters.interface import ParameterLayout
 from sim_adapters.scenario.scenario import Scenario, read_scenario
-from sim_adapters.scenario.sumo_names import SUMO_MODELS
+from sim_adapters.scenario.sumo_names import NEAREST_MODEL, SUMO_MODELS, nearest_model
+from sim_adapters.sumo.loading import load_in_sumo
 from sim_adapters.world.logged_drive import LoggedDrive, resample
 from sim_adapters.world.world_builder import WorldTemplate, build_template
 from surrogate.subject.registry import REPLAY
 
-FRAME_INTERVAL_S = 0.5
+FRAME_INTERVAL_S = 0.5  # about; a whole number of steps
 FRAMES_STEP = 128
 LEAST_SPEED_MPS = 2.0  # below it a time headway means nothing
 LONGEST_HEADWAY_S = 6.0  # behind it a vehicle does not follow its leader
@@ -74,6 +75,11 @@ class CalibrationProblem:
     range_warnings: tuple[str, ...] = ()
 
     @property
+    def frame_interval_s(self) -> float:
+        """Time between two frames of the subject vehicle's sensors, in the field and in both simulators."""
+        return frame_interval_s(self.scenario.configuration.step_s)
+
+    @property
     def layout(self) -> ParameterLayout:
         """Meaning of parameter vectors."""
         return self.template.layout
@@ -95,8 +101,8 @@ class CalibrationProblem:
 
     @property
     def model(self) -> str:
-        """Car-following model of the background vehicles."""
-        return self.parts.behaviour.car_following
+        """Car-following model of the background vehicles, or the nearest one that the surrogate has."""
+        return nearest_model(self.parts.behaviour.car_following)
 
     def departs_s(self, role: Role) -> tuple[float, ...]:
         """Return when the subject vehicle departs in each drive of a role."""
@@ -120,7 +126,12 @@ class CalibrationProblem:
         own += self.range_warnings
         own += replay_warnings(self.case) if self.parts.subject.model.name == REPLAY else []
         own += coverage_warnings(self.drives, self.scenario.network.length_m)
-        return (*own, *self.scenario.warnings, *(line for drive in self.drives for line in drive.warnings))
+        return (
+            *own,
+            *self.scenario.warnings,
+            *map(str, self.scenario.findings),
+            *(line for drive in self.drives for line in drive.warnings),
+        )
 
 
 def read_problem(folder: Path | str, *, as_stated: bool = False) -> CalibrationProblem:
@@ -137,11 +148,13 @@ def read_problem(folder: Path | str, *, as_stated: bool = False) -> CalibrationP
     parts = require_scenario(case)
     try:
         scenario = read_scenario(
-            parts.scenario.config_file, case.folder, parts.subject.vehicle, parts.scenario.duration_s
+            parts.scenario.config_file, case.folder, parts.subject.vehicle, parts.scenario.duration_s, load_in_sumo
         )
+        parts = dataclasses.replace(parts, inputs=parts.inputs or found_inputs(scenario))
         layout = _layout(parts)
         check_models(scenario, parts)
-        check_clock(scenario, parts, FRAME_INTERVAL_S)
+        check_clock(scenario, parts, case)
+        interval_s = frame_interval_s(scenario.configuration.step_s)
         drives = read_drives(case, scenario.row_map)
         stated = case.perception
         if not as_stated:
@@ -153,19 +166,19 @@ def read_problem(folder: Path | str, *, as_stated: bool = False) -> CalibrationP
     except ScenarioError as error:
         raise CaseError(error.file, "", error.message) from None
     if parts.subject.model.name == REPLAY:
-        template = dataclasses.replace(template, logged_drives=_logged_drives(case, drives, parts))
+        template = dataclasses.replace(template, logged_drives=_logged_drives(case, drives, parts, interval_s))
     settings = _measure_settings(case, observe_road(scenario), drives)
     tally = DriveTally(settings, all_folds(settings))
     check_inflows(template)
     longest_s = max(parts.scenario.duration_s - drive.depart_s for drive in case.drives)
-    num_frames = FRAMES_STEP * int(np.ceil((longest_s / FRAME_INTERVAL_S + 2) / FRAMES_STEP))
+    num_frames = FRAMES_STEP * int(np.ceil((longest_s / interval_s + 2) / FRAMES_STEP))
     fold = WholeDriveFold(tally, num_frames)
     field_tally, is_seen = [], []
     for drive in drives:  # one after the other: frames of all together would fill the memory
-        frames = drive.frames(FRAME_INTERVAL_S)
+        frames = drive.frames(interval_s)
         field_tally.append(fold(frames))
         is_seen.append(bool(np.any(frames.valid)))
-    check_drives(case, drives, is_seen, FRAME_INTERVAL_S)
+    check_drives(case, drives, is_seen, interval_s)
     return CalibrationProblem(
         case=case,
         parts=parts,
@@ -185,11 +198,13 @@ def drives_to_fit(drives: Sequence[DriveLog]) -> tuple[DriveLog, ...]:
     return tuple(drive for drive in drives if drive.role == "fit")
 
 
-def _logged_drives(case: Case, drives: tuple[DriveLog, ...], parts: ScenarioParts) -> tuple[LoggedDrive, ...]:
+def _logged_drives(
+    case: Case, drives: tuple[DriveLog, ...], parts: ScenarioParts, interval_s: float
+) -> tuple[LoggedDrive, ...]:
     """Return the drives on the clock of the simulators, gaps of their logs bridged."""
     logged = []
     for drive, log in zip(case.drives, drives, strict=True):
-        even = log.on_clock(FRAME_INTERVAL_S)
+        even = log.on_clock(interval_s)
         subject, valid = even.subject, np.asarray(even.valid)
         columns = (subject.time_s, subject.position_m, subject.speed_mps, subject.row)
         time_s, position_m, speed_mps, row = (column[valid] for column in columns)
@@ -200,11 +215,26 @@ def _logged_drives(case: Case, drives: tuple[DriveLog, ...], parts: ScenarioPart
     return tuple(logged)
 
 
+def frame_interval_s(step_s: float) -> float:
+    """The whole number of steps that is nearest to half a second; at least one step."""
+    return max(1, round(FRAME_INTERVAL_S / step_s)) * step_s
+
+
+def found_inputs(scenario: Scenario) -> tuple[Input, ...]:
+    """One input for each edge at which background traffic enters, named by that edge."""
+    return tuple(
+        Input(edge, tuple(dict.fromkeys(flow.id for flow in scenario.flows if flow.route[0] == edge)))
+        for edge in scenario.entrances
+        if any(flow.route[0] == edge for flow in scenario.flows)
+    )
+
+
 def _layout(parts: ScenarioParts) -> ParameterLayout:
     model = parts.behaviour.car_following
-    if model not in SUMO_MODELS:
-        known = ", ".join(SUMO_MODELS)
+    if model not in (*SUMO_MODELS, *NEAREST_MODEL):
+        known = ", ".join((*SUMO_MODELS, *NEAREST_MODEL))
         raise CaseError(FILE_NAME, "behaviour.car_following", f"expected one of {known}, got {quote(model)}.")
+    model = nearest_model(model)
     return ParameterLayout(
         input_ids=tuple(entrance.id for entrance in parts.inputs),
         input_flows=tuple(entrance.flows for entrance in parts.inputs),

@@ -11,11 +11,12 @@ from jaxcalib.field.field_log import DriveLog
 from sim_adapters.scenario.scenario import Scenario
 from sim_adapters.world.world_builder import WorldTemplate
 
+LEAST_STEP_S, MOST_STEP_S = 0.05, 1.0
 LEAST_COVERED = 0.8  # of the route, by a drive that counts as a whole one without a warning
 
 
-def check_clock(scenario: Scenario, parts: ScenarioParts, frame_interval_s: float) -> None:
-    """Check that the case's steps are the configuration's, and whole parts of the time between frames.
+def check_clock(scenario: Scenario, parts: ScenarioParts, case: Case) -> None:
+    """Check that case, configuration and drives have one clock.
 
     Raises:
         CaseError: they are not.
@@ -27,12 +28,18 @@ def check_clock(scenario: Scenario, parts: ScenarioParts, frame_interval_s: floa
             "scenario.step_s",
             f"expected the step-length of the configuration, {scenario.configuration.step_s:g}, got {step_s:g}.",
         )
-    if abs(frame_interval_s / step_s - round(frame_interval_s / step_s)) > 1e-6:
-        raise CaseError(
-            FILE_NAME, "scenario.step_s", f"expected a whole part of {frame_interval_s:g} s, got {step_s:g}."
-        )
-    if scenario.configuration.begin_s != 0.0:
-        raise CaseError(parts.scenario.config_file, "begin", f"expected 0, got {scenario.configuration.begin_s:g}.")
+    if not LEAST_STEP_S <= step_s <= MOST_STEP_S:
+        expected = f"expected {LEAST_STEP_S:g} to {MOST_STEP_S:g} s, got {step_s:g}."
+        raise CaseError(FILE_NAME, "scenario.step_s", expected)
+    begin_s, end_s = scenario.configuration.begin_s, scenario.configuration.end_s
+    for drive in case.drives:
+        if drive.depart_s < begin_s or (end_s is not None and drive.depart_s >= end_s):
+            until = "" if end_s is None else f" to {end_s:g}"
+            expected = (
+                f"expected a departure within the scenario's clock, {begin_s:g}{until} s (begin and end of "
+                f"{parts.scenario.config_file.name}), got {drive.depart_s:g}."
+            )
+            raise CaseError(FILE_NAME, f"drive[{drive.id}].depart_s", expected)
 
 
 def check_models(scenario: Scenario, parts: ScenarioParts) -> None:
@@ -42,7 +49,12 @@ def check_models(scenario: Scenario, parts: ScenarioParts) -> None:
         CaseError: they are not.
     """
     for vtype in parts.behaviour.vtypes:
-        model = scenario.model_of(vtype)
+        if vtype not in scenario.demand.vtypes:
+            known = ", ".join(map(quote, scenario.demand.vtypes))
+            raise CaseError(
+                FILE_NAME, "behaviour.vtypes", f"expected vTypes of the scenario ({known}), got {quote(vtype)}."
+            )
+        model = scenario.demand.vtypes[vtype].get("carFollowModel", "Krauss")
         if model != parts.behaviour.car_following:
             raise CaseError(
                 FILE_NAME,

@@ -15,7 +15,7 @@ from jaxcalib.calibration.stages.evaluator import AllRunsFailedError, gather
 from jaxcalib.case.case import Role
 from jaxcalib.errors import CaseError
 from jaxcalib.problem.engines import prepare_devices, sumo_engine
-from jaxcalib.problem.problem import FRAME_INTERVAL_S, CalibrationProblem, read_problem
+from jaxcalib.problem.problem import CalibrationProblem, read_problem
 from jaxcalib.runs.disk import check_out, check_outside
 from jaxcalib.runs.journal import JournaledSumo
 from jaxcalib.runs.progress import Progress
@@ -129,7 +129,7 @@ def _validate(
     simulated_counts = _counts_of(problem, counted, count_requests, session)
     session.progress.stage("report")
     simulated = observer.parts(rounds)
-    field = observer.parts(np.stack([observer(drive.frames(FRAME_INTERVAL_S)) for drive in logs]))
+    field = observer.parts(np.stack([observer(drive.frames(problem.frame_interval_s)) for drive in logs]))
     measures = compare_measures(problem.measures, problem.tally_names, field, simulated)
     distributions = compare_distributions(field, simulated)
     trajectories = compare_trajectories(field, simulated)

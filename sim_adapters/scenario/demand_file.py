@@ -1,39 +1,88 @@
-"""The vTypes, routes and flows of a scenario, read from SUMO's route and additional files."""
+"""Everything that drives in a scenario: flows and single vehicles, from SUMO's route and additional files.
 
-import re
+A flow of several vTypes or routes (distributions) is read as one part for each, with its share of the rate. Single
+vehicles and trips are kept one by one; for the surrogate, and for inputs, those that enter at one edge are a flow whose
+name is that edge's (`vehicles_id`).
+"""
+
 import xml.etree.ElementTree as ET
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from sim_adapters.errors import ScenarioError
+from sim_adapters.scenario.demand_definitions import (
+    Definitions,
+    FindRoute,
+    Route,
+    read_route,
+    read_vtype,
+    routes_of,
+    vtypes_of,
+)
+from sim_adapters.scenario.demand_elements import (
+    DEFAULT_VTYPE,
+    Departure,
+    attribute_of,
+    departure_of,
+    rate_of,
+    time_of,
+)
+from sim_adapters.scenario.finding import Finding, Level
 from sim_adapters.scenario.sumo_files import read_xml
-from sim_adapters.units import vehps_from_vehph
 
-HARMLESS_ELEMENTS = ("vType", "vTypeDistribution", "route", "flow", "vehicle", "param")
+# Elements that move nobody, and those that act on traffic by themselves.
+BESIDE = (
+    "inductionLoop", "e1Detector", "instantInductionLoop", "laneAreaDetector", "e2Detector", "entryExitDetector",
+    "e3Detector", "edgeData", "laneData", "timedEvent", "poly", "polygon", "poi", "routeProbe", "vTypeProbe",
+    "busStop", "trainStop", "containerStop", "chargingStation", "parkingArea", "overheadWireSegment",
+    "tractionSubstation", "taz", "tazs", "interval", "param", "location", "e3", "viewsettings", "tlLogic", "WAUT",
+    "wautJunction", "edgeRelation",
+)  # fmt: skip
+ACTING = ("rerouter", "calibrator", "variableSpeedSign", "closingReroute")
+OTHER_TRAFFIC = ("person", "personFlow", "container", "containerFlow", "personTrip", "walk", "ride")
+VEHICLES = "vehicles of "
+
+
+def vehicles_id(edge: str) -> str:
+    """Name of the flow that stands for the single vehicles which enter at an edge."""
+    return f"{VEHICLES}{edge}"
 
 
 @dataclass(frozen=True)
 class Flow:
-    """A stream of vehicles with one route.
+    """Vehicles of one vType and route that come at one rate.
 
     Attributes:
-        id: SUMO id.
+        id: SUMO id of the flow; parts of one flow share it.
         vtype: vType of its vehicles.
         route: edges.
-        rate_vehps: vehicles per second.
+        rate_vehps: vehicles per second, of this part.
         is_regular: whether they come evenly instead of at random.
         begin_s: when it begins.
         end_s: when it ends.
+        departure: how they depart.
     """
 
     id: str
     vtype: str
-    route: tuple[str, ...]
+    route: Route
     rate_vehps: float
     is_regular: bool
     begin_s: float
     end_s: float
+    departure: Departure = field(default_factory=Departure)
+
+
+@dataclass(frozen=True)
+class Vehicle:
+    """A single vehicle or trip."""
+
+    id: str
+    vtype: str
+    route: Route
+    depart_s: float
+    departure: Departure
 
 
 @dataclass(frozen=True)
@@ -41,141 +90,141 @@ class Demand:
     """Everything that drives.
 
     Attributes:
-        file: route file, for messages.
+        file: route file of the subject vehicle, for messages.
         vtypes: attributes of each vType.
-        flows: background traffic.
+        flows: background traffic that comes at a rate.
+        vehicles: background vehicles that depart one by one, by departure.
         subject_route: edges of the subject vehicle.
         subject_vtype: its vType.
         subject_depart_s: when the file lets it depart.
+        subject_departure: how it departs.
+        findings: what else stands in the files.
     """
 
     file: Path
     vtypes: dict[str, dict[str, str]]
     flows: tuple[Flow, ...]
-    subject_route: tuple[str, ...]
+    vehicles: tuple[Vehicle, ...]
+    subject_route: Route
     subject_vtype: str
     subject_depart_s: float
+    subject_departure: Departure
+    findings: tuple[Finding, ...] = ()
 
 
-def read_demand(files: Sequence[Path], subject_vehicle: str, end_s: float) -> Demand:
-    """Read vTypes, routes and flows.
+def read_demand(
+    files: Sequence[Path],
+    subject_vehicle: str,
+    begin_s: float,
+    end_s: float,
+    options: Mapping[str, str] | None = None,
+    scale: float = 1.0,
+    find_route: FindRoute = lambda origin, destination, via, vtype: None,
+) -> Demand:
+    """Read everything that drives.
 
     Args:
         files: additional files first, then route files, as SUMO loads them.
         subject_vehicle: id of the subject vehicle.
+        begin_s: begin of the simulation.
         end_s: end of the simulation, for flows that do not say when they end.
+        options: of the configuration, for departures that say nothing.
+        scale: SUMO's factor on all demand.
+        find_route: finds the edges of trips.
 
     Raises:
-        ScenarioError: something is missing, or the traffic has something that cannot be represented.
+        ScenarioError: something is missing, or SUMO would refuse it.
     """
-    vtypes: dict[str, dict[str, str]] = {}
-    routes: dict[str, tuple[str, ...]] = {}
-    flow_elements: list[tuple[Path, ET.Element]] = []
-    subject: tuple[Path, ET.Element] | None = None
+    known, options = Definitions(find_route), options or {}
+    others: dict[tuple[str, str], int] = {}
+    movers: list[tuple[Path, ET.Element]] = []
     for file in files:
         for element in read_xml(file):
-            if element.tag == "vType":
-                vtypes[_get(file, element, "id")] = dict(element.attrib)
-            elif element.tag == "vTypeDistribution":
-                name = element.get("id", "")
-                raise ScenarioError(file, f"vTypeDistribution '{name}': expected plain vTypes; write one per share.")
-            elif element.tag == "route":
-                routes[_get(file, element, "id")] = tuple(_get(file, element, "edges").split())
-            elif element.tag == "flow":
-                flow_elements.append((file, element))
-            elif element.tag in ("vehicle", "trip") and element.get("id") == subject_vehicle:
-                subject = (file, element)
-            elif element.tag not in HARMLESS_ELEMENTS or element.tag == "vehicle":
-                name = element.get("id", "")
-                raise ScenarioError(
-                    file, f"<{element.tag}> '{name}': expected vTypes, routes, flows and the subject vehicle only."
-                )
+            if element.tag in ("vType", "vTypeDistribution"):
+                read_vtype(known, file, element)
+            elif element.tag in ("route", "routeDistribution"):
+                read_route(known, file, element)
+            elif element.tag in ("flow", "vehicle", "trip"):
+                movers.append((file, element))
+            else:
+                key = (file.name, element.tag)
+                others[key] = others.get(key, 0) + 1
+    flows: list[Flow] = []
+    vehicles: list[Vehicle] = []
+    subject: tuple[Path, Vehicle] | None = None
+    for file, element in movers:
+        name = attribute_of(file, element, "id")
+        if element.tag == "flow":
+            flows += _flow_parts(known, file, element, begin_s, end_s, options, scale)
+            continue
+        depart_s = 0.0 if not _is_timed(element) else time_of(file, element, "depart", 0.0)
+        (vtype, _), *_ = vtypes_of(known, file, element)
+        (route, _), *_ = routes_of(known, file, element, vtype)
+        vehicle = Vehicle(name, vtype, route, depart_s, departure_of(element, options))
+        if name == subject_vehicle:
+            subject = (file, vehicle)
+        elif begin_s <= depart_s < end_s:
+            vehicles.append(vehicle)
     if subject is None:
         raise ScenarioError(
             files[-1], f"expected a <vehicle id='{subject_vehicle}'>, the subject vehicle; there is none."
         )
-    flows = tuple(_flow(file, element, routes, vtypes, end_s) for file, element in flow_elements)
-    if not flows:
-        raise ScenarioError(files[-1], "expected at least one <flow> of background traffic.")
-    file, element = subject
-    vtype = _known_vtype(file, element, vtypes)
-    route = _route(file, element, routes)
-    return Demand(file, vtypes, flows, route, vtype, _number(file, element, "depart", element.get("depart", "0")))
+    if not flows and not vehicles:
+        raise ScenarioError(files[-1], "expected at least one <flow> or <vehicle> of background traffic.")
+    file, ego = subject
+    return Demand(
+        file=file,
+        vtypes=known.vtypes,
+        flows=tuple(flows),
+        vehicles=tuple(sorted(vehicles, key=lambda vehicle: vehicle.depart_s)),
+        subject_route=ego.route,
+        subject_vtype=ego.vtype,
+        subject_depart_s=ego.depart_s,
+        subject_departure=ego.departure,
+        findings=tuple(_finding(name, tag, count) for (name, tag), count in others.items()),
+    )
 
 
-def _flow(
+def trips_without_edges(files: Sequence[Path]) -> list[tuple[str, str, Route, str]]:
+    """Origin, destination, via and vType of all flows and trips whose edges only SUMO's router knows."""
+    found = {}
+    for file in files:
+        for element in read_xml(file):
+            if element.tag in ("flow", "vehicle", "trip") and element.get("from") and element.get("to"):
+                via = tuple((element.get("via") or "").split())
+                key = (element.get("from", ""), element.get("to", ""), via, element.get("type") or DEFAULT_VTYPE)
+                found[key] = None
+    return list(found)
+
+
+def _flow_parts(
+    known: Definitions,
     file: Path,
     element: ET.Element,
-    routes: dict[str, tuple[str, ...]],
-    vtypes: dict[str, dict[str, str]],
+    begin_s: float,
     end_s: float,
-) -> Flow:
-    name = _get(file, element, "id")
-    begin_s = _number(file, element, "begin", element.get("begin", "0"))
-    until_s = _number(file, element, "end", element.get("end", str(end_s)))
-    rate, is_regular = _rate(file, element, begin_s, until_s)
-    for option, expected in (("departLane", "best"), ("departPos", "last"), ("departSpeed", "avg")):
-        found = element.get(option, "")
-        if found != expected:
-            raise ScenarioError(
-                file, f"flow '{name}': {option}: expected '{expected}', which the surrogate follows, got '{found}'."
-            )
-    vtype, route = _known_vtype(file, element, vtypes), _route(file, element, routes)
-    return Flow(name, vtype, route, rate, is_regular, begin_s, until_s)
+    options: Mapping[str, str],
+    scale: float,
+) -> list[Flow]:
+    rate = rate_of(file, element, begin_s, end_s)
+    departure, name = departure_of(element, options), element.get("id", "")
+    parts = []
+    for vtype, vtype_share in vtypes_of(known, file, element):
+        own = float(known.vtypes[vtype].get("scale", "1"))
+        for route, route_share in routes_of(known, file, element, vtype):
+            vehps = rate.vehps * vtype_share * route_share * scale * own
+            parts.append(Flow(name, vtype, route, vehps, rate.is_regular, rate.begin_s, rate.end_s, departure))
+    return parts
 
 
-def _rate(file: Path, element: ET.Element, begin_s: float, end_s: float) -> tuple[float, bool]:
-    """Return vehicles per second, and whether they come evenly."""
-    name = element.get("id")
-    period = element.get("period") or element.get("vehsPerHour") or ""
-    if (element.get("vehsPerHour") or "").strip().startswith("exp"):
-        raise ScenarioError(file, f"flow '{name}': vehsPerHour: expected a number; SUMO knows exp(...) in period only.")
-    random = re.fullmatch(r"exp\(([^)]*)\)", period.strip())
-    if random:
-        return _number(file, element, "period", random.group(1)), False
-    if element.get("period"):
-        return 1.0 / max(_number(file, element, "period", period), 1e-9), True
-    if element.get("vehsPerHour"):
-        return vehps_from_vehph(_number(file, element, "vehsPerHour", period)), True
-    if element.get("probability"):
-        # one chance per second: at the rates of a road this is a Poisson stream
-        return _number(file, element, "probability", element.get("probability", "")), False
-    if element.get("number") and end_s > begin_s:
-        return _number(file, element, "number", element.get("number", "")) / (end_s - begin_s), True
-    raise ScenarioError(file, f"flow '{name}': expected period, vehsPerHour, probability or number.")
+def _is_timed(element: ET.Element) -> bool:
+    return (element.get("depart") or "0")[:1] not in "tcs"  # triggered, containerTriggered, split, begin
 
 
-def _route(file: Path, element: ET.Element, routes: dict[str, tuple[str, ...]]) -> tuple[str, ...]:
-    inner = element.find("route")
-    if inner is not None:
-        return tuple(_get(file, inner, "edges").split())
-    name = element.get("route", "")
-    if name not in routes:
-        raise ScenarioError(file, f"<{element.tag}> '{element.get('id')}': expected the id of a route, got '{name}'.")
-    return routes[name]
-
-
-def _known_vtype(file: Path, element: ET.Element, vtypes: dict[str, dict[str, str]]) -> str:
-    name = element.get("type", "")
-    if name not in vtypes:
-        raise ScenarioError(file, f"<{element.tag}> '{element.get('id')}': expected the id of a vType, got '{name}'.")
-    return name
-
-
-def _get(file: Path, element: ET.Element, attribute: str) -> str:
-    value = element.get(attribute)
-    if not value:
-        raise ScenarioError(file, f"<{element.tag}> '{element.get('id', '')}': expected attribute '{attribute}'.")
-    return value
-
-
-def _number(file: Path, element: ET.Element, attribute: str, value: str) -> float:
-    try:
-        number = float(value)
-    except ValueError:
-        number = float("nan")
-    if not 0.0 <= number < 1e9:
-        raise ScenarioError(
-            file, f"<{element.tag}> '{element.get('id', '')}': {attribute}: expected a number >= 0, got '{value}'."
-        )
-    return number
+def _finding(file: str, tag: str, count: int) -> Finding:
+    if tag in BESIDE:
+        return Finding(Level.BESIDE, file, f"<{tag}>", "", count)
+    if tag in OTHER_TRAFFIC:
+        return Finding(Level.BESIDE, file, f"<{tag}>", "SUMO moves it; nobody on the route meets it", count)
+    words = "the surrogate does without; SUMO runs with it"
+    return Finding(Level.APPROXIMATED, file, f"<{tag}>", words, count)

@@ -57,11 +57,14 @@ def lay_rows(network: RouteNetwork) -> RowMap:
 def _tracks(network: RouteNetwork) -> list[list[RouteLane]]:
     """Return maximal chains of lanes; where a lane forks, the chain stays on the carriageway."""
     onward: dict[LaneKey, LaneKey] = {}
-    for lane in network.lanes.values():
+    taken: set[LaneKey] = set()
+    for lane in _main_first(network):
         on_main = [successor for successor in lane.successors if successor[0] in network.main_edges]
         successors = on_main or list(lane.successors)
-        if successors:
-            onward[lane.key] = successors[0]
+        free = [successor for successor in successors if successor not in taken]
+        if free:
+            onward[lane.key] = free[0]
+            taken.add(free[0])  # of lanes that merge into one, the others end
     has_predecessor = set(onward.values())
     tracks = []
     for lane in network.lanes.values():
@@ -72,6 +75,11 @@ def _tracks(network: RouteNetwork) -> list[list[RouteLane]]:
             track.append(network.lanes[onward[track[-1].key]])
         tracks.append(track)
     return tracks
+
+
+def _main_first(network: RouteNetwork) -> list[RouteLane]:
+    """Lanes of the carriageway before those of ramps: where lanes merge, the carriageway goes on."""
+    return sorted(network.lanes.values(), key=lambda lane: lane.edge not in network.main_edges)
 
 
 def build_road(row_map: RowMap, routes: Sequence[Sequence[str]]) -> Road:
@@ -153,7 +161,7 @@ def _row_beside(row_map: RowMap, lane_at: Mapping[tuple[int, int], RouteLane], s
     """
     row = row_map.row_of_lane.get(key, -1)
     lane = lane_at.get((row, segment))
-    return row if lane is not None and lane.key == key else -1
+    return row if lane is not None and lane.key == key and lane.is_open else -1
 
 
 def _main_edge_by_segment(network: RouteNetwork, breaks: np.ndarray) -> list[str]:

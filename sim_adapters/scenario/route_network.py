@@ -1,14 +1,18 @@
 """The lanes along the subject vehicle's route, read from a SUMO network, with their place on the route's axis."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import sumolib
 
 from sim_adapters.errors import ScenarioError
+from sim_adapters.scenario.finding import Finding, Level
 
+RIGHT_OF_WAY = ("M", "=")
+LIGHT_STATES = ("G", "g", "o", "O", "y", "Y", "r", "u", "s")
 LaneKey = tuple[str, int]
 
 
@@ -24,6 +28,7 @@ class RouteLane:
         speed_limit_mps: legal limit.
         successors: lanes reached without a lane change.
         is_acceleration: whether the network marks it as an acceleration lane.
+        is_open: whether all vehicle classes of the scenario may use it.
     """
 
     edge: str
@@ -33,6 +38,7 @@ class RouteLane:
     speed_limit_mps: float
     successors: tuple[LaneKey, ...]
     is_acceleration: bool
+    is_open: bool = True
 
     @property
     def key(self) -> LaneKey:
@@ -52,6 +58,7 @@ class RouteNetwork:
         ramp_edges: edges of on- and off-ramps.
         junction_lanes: internal lanes on the route: id -> (lane before it, where it begins on the axis).
         net: the sumolib network, for projections and shapes.
+        findings: what of it the surrogate cannot follow.
     """
 
     file: Path
@@ -61,6 +68,7 @@ class RouteNetwork:
     ramp_edges: tuple[str, ...]
     junction_lanes: dict[str, tuple[LaneKey, float]]
     net: Any = field(repr=False, compare=False)
+    findings: tuple[Finding, ...] = ()
 
     def edge_lanes(self, edge: str) -> list[RouteLane]:
         """Return the lanes of an edge from right to left."""
@@ -80,34 +88,71 @@ class RouteNetwork:
         return self.edge_end_m(self.main_edges[-1])
 
 
-def read_route_network(file: Path, main_edges: Sequence[str], routes: Sequence[Sequence[str]]) -> RouteNetwork:
+def read_route_network(
+    file: Path, main_edges: Sequence[str], routes: Sequence[Sequence[str]], vclasses: Sequence[str] = ("passenger",)
+) -> RouteNetwork:
     """Read the lanes along a route.
 
     Args:
         file: SUMO network.
         main_edges: edges of the subject vehicle's route.
         routes: edges of all routes in the demand; what lies off the subject vehicle's route becomes a ramp.
+        vclasses: SUMO's vehicle classes of the traffic.
 
     Raises:
-        ScenarioError: an edge is missing, or the road has something that the surrogate cannot represent: a traffic
-            light, a junction where the route must give way, two lanes that merge into one, a route that leaves the
-            carriageway and comes back.
+        ScenarioError: a route has an edge that the network lacks, or two edges that are not connected.
     """
     net = sumolib.net.readNet(str(file), withInternal=True)
-    for edge in {edge for route in [main_edges, *routes] for edge in route}:
-        if not net.hasEdge(edge):
-            raise ScenarioError(file, f"expected edge '{edge}', which a route uses; the network has no such edge.")
+    for route in dict.fromkeys(map(tuple, [main_edges, *routes])):
+        _check_route(net, file, route)
+    findings: list[Finding] = []
     place = _main_axis(net, main_edges)
-    ramps = _ramp_axis(net, file, main_edges, routes, place)
-    place |= ramps
+    place |= _ramp_axis(net, file, main_edges, routes, place, findings)
+    used = {pair for route in [main_edges, *routes] for pair in pairwise(route)}
     lanes, lane_count = {}, {}
     for edge, (start_m, end_m) in place.items():
         lane_count[edge] = len(net.getEdge(edge).getLanes())
         for lane in net.getEdge(edge).getLanes():
-            lanes[(edge, lane.getIndex())] = _route_lane(net, file, lane, start_m, end_m, place)
-    _refuse_merging_lanes(file, lanes)
-    junction_lanes = _junction_lanes(net, lanes)
-    return RouteNetwork(file, tuple(main_edges), lanes, lane_count, tuple(ramps), junction_lanes, net)
+            lanes[(edge, lane.getIndex())] = _route_lane(file, lane, (start_m, end_m), place, vclasses, used, findings)
+    ramps = tuple(edge for edge in place if edge not in main_edges)
+    return RouteNetwork(
+        file=file,
+        main_edges=tuple(main_edges),
+        lanes=lanes,
+        lane_count=lane_count,
+        ramp_edges=ramps,
+        junction_lanes=_junction_lanes(net, lanes),
+        net=net,
+        findings=tuple(_counted(findings + _merging_lanes(file, lanes))),
+    )
+
+
+def _check_route(net: Any, file: Path, route: Sequence[str]) -> None:
+    for edge in route:
+        if not net.hasEdge(edge):
+            raise ScenarioError(file, f"expected edge '{edge}', which a route uses; the network has no such edge.")
+    for edge, following in pairwise(route):
+        if net.getEdge(following) not in net.getEdge(edge).getOutgoing():
+            raise ScenarioError(
+                file,
+                f"route '{_ends(route)}': expected a connection from edge '{edge}' to '{following}'; there is none, "
+                "and SUMO would stop when such a vehicle departs. Mend the route, or leave it out.",
+            )
+
+
+def _ends(route: Sequence[str]) -> str:
+    return " ".join(route if len(route) <= 4 else (*route[:2], "...", *route[-2:]))
+
+
+def _counted(findings: Sequence[Finding]) -> list[Finding]:
+    """Findings that say the same once each, with their number."""
+    first: dict[tuple[Level, str], Finding] = {}
+    counts: dict[tuple[Level, str], int] = {}
+    for finding in findings:
+        key = (finding.level, finding.words)
+        first.setdefault(key, finding)
+        counts[key] = counts.get(key, 0) + 1
+    return [replace(finding, count=counts[key]) for key, finding in first.items()]
 
 
 def _main_axis(net: Any, main_edges: Sequence[str]) -> dict[str, tuple[float, float]]:
@@ -135,6 +180,7 @@ def _ramp_axis(
     main_edges: Sequence[str],
     routes: Sequence[Sequence[str]],
     place: dict[str, tuple[float, float]],
+    findings: list[Finding],
 ) -> dict[str, tuple[float, float]]:
     """Lay on-ramps backwards from where they join and off-ramps forwards from where they leave."""
     ramps: dict[str, tuple[float, float]] = {}
@@ -147,10 +193,8 @@ def _ramp_axis(
         stretch = list(route[first : last + 1])
         begin = main.index(stretch[0])
         if stretch != main[begin : begin + len(stretch)]:
-            raise ScenarioError(
-                file,
-                f"expected every route to stay on the carriageway between its ramps; one leaves it at '{stretch}'.",
-            )
+            words = "a route that leaves the subject vehicle's road and comes back: the surrogate knows one road"
+            findings.append(Finding(Level.SUMO_ALONE, file.name, f"route '{_ends(route)}'", words))
         end_m = place[stretch[0]][0]
         for edge, following in zip(route[first - 1 :: -1] if first else [], route[first:0:-1], strict=True):
             end_m -= _junction_length(net, edge, following)
@@ -165,48 +209,72 @@ def _ramp_axis(
 
 
 def _route_lane(
-    net: Any, file: Path, lane: Any, start_m: float, end_m: float, place: dict[str, tuple[float, float]]
+    file: Path,
+    lane: Any,
+    extent_m: tuple[float, float],
+    place: dict[str, tuple[float, float]],
+    vclasses: Sequence[str],
+    used: set[tuple[str, str]],
+    findings: list[Finding],
 ) -> RouteLane:
     edge = lane.getEdge().getID()
     successors = []
     for connection in lane.getOutgoing():
         target = connection.getToLane()
-        if target.getEdge().getID() not in place:
+        following = target.getEdge().getID()
+        if (edge, following) not in used or following not in place:  # no route turns there
             continue
-        if connection.getTLSID():
-            raise ScenarioError(
-                file, f"traffic light '{connection.getTLSID()}' at the end of edge '{edge}': expected none."
-            )
-        if connection.getState() not in ("M", "="):
-            raise ScenarioError(
-                file,
-                f"expected right of way from edge '{edge}' to '{target.getEdge().getID()}'; the connection's state is "
-                f"'{connection.getState()}'.",
-            )
-        successors.append((target.getEdge().getID(), target.getIndex()))
+        successors.append((following, target.getIndex()))
+        finding = _right_of_way(file, connection, edge, following)
+        if finding is not None:
+            findings.append(finding)
+    closed_to = [vclass for vclass in vclasses if not lane.allows(vclass)]
+    if closed_to:
+        words = "closed to everybody" if len(closed_to) == len(vclasses) else f"closed to {', '.join(closed_to)}"
+        level = Level.FOLLOWED if len(closed_to) == len(vclasses) else Level.APPROXIMATED
+        also = "" if level is Level.FOLLOWED else "; in the surrogate nobody uses it"
+        findings.append(Finding(level, file.name, f"lane '{lane.getID()}'", words + also))
     return RouteLane(
         edge=edge,
         index=lane.getIndex(),
-        start_m=start_m,
-        end_m=end_m,
+        start_m=extent_m[0],
+        end_m=extent_m[1],
         speed_limit_mps=lane.getSpeed(),
         successors=tuple(successors),
         is_acceleration=bool(lane.isAccelerationLane()) if hasattr(lane, "isAccelerationLane") else False,
+        is_open=not closed_to,
     )
 
 
-def _refuse_merging_lanes(file: Path, lanes: dict[LaneKey, RouteLane]) -> None:
+def _right_of_way(file: Path, connection: Any, edge: str, following: str) -> Finding | None:
+    """What a connection demands besides going on; None where it has right of way."""
+    name, state = f"connection from edge '{edge}' to '{following}'", connection.getState()
+    if connection.getTLSID():
+        words = "a traffic light on a route; the surrogate has none"
+        return Finding(Level.SUMO_ALONE, file.name, name, words)
+    if state in RIGHT_OF_WAY:
+        return None
+    words = (
+        "a zipper: in the surrogate whoever leaves the shorter lane gives way"
+        if state == "Z"
+        else ("gives way: in the surrogate vehicles change into the lane that they meet")
+    )
+    return Finding(Level.APPROXIMATED, file.name, name, words)
+
+
+def _merging_lanes(file: Path, lanes: dict[LaneKey, RouteLane]) -> list[Finding]:
+    """Lanes that lead into one lane; a lane of its own for each is what the surrogate knows."""
     came_from: dict[LaneKey, LaneKey] = {}
+    findings = []
     for lane in lanes.values():
         for successor in lane.successors:
             if successor in came_from:
-                edge, index = came_from[successor]
-                raise ScenarioError(
-                    file,
-                    f"lanes '{edge}_{index}' and '{lane.edge}_{lane.index}' both lead into "
-                    f"'{successor[0]}_{successor[1]}': expected a lane of its own for each (an acceleration lane).",
-                )
-            came_from[successor] = lane.key
+                first = "_".join(map(str, came_from[successor]))
+                name = f"lanes '{first}' and '{lane.edge}_{lane.index}'"
+                words = f"both lead into '{successor[0]}_{successor[1]}'; the surrogate knows no merging within a lane"
+                findings.append(Finding(Level.SUMO_ALONE, file.name, name, words))
+            came_from.setdefault(successor, lane.key)
+    return findings
 
 
 def _junction_lanes(net: Any, lanes: dict[LaneKey, RouteLane]) -> dict[str, tuple[LaneKey, float]]:

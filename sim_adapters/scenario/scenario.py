@@ -1,15 +1,24 @@
 """An ordinary SUMO scenario, read for both simulators."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from sim_adapters.errors import ScenarioError
+from sim_adapters.scenario.configuration import SumoConfiguration, read_configuration
+from sim_adapters.scenario.demand_definitions import Route
 from sim_adapters.scenario.demand_file import Demand, Flow, read_demand
+from sim_adapters.scenario.finding import Finding, Level
+from sim_adapters.scenario.followed_options import flow_findings, option_findings, vtype_findings
+from sim_adapters.scenario.loaded_scenario import LoadedScenario
 from sim_adapters.scenario.road_builder import RowMap, lay_rows
 from sim_adapters.scenario.route_network import RouteNetwork, read_route_network
-from sim_adapters.scenario.sumo_files import SumoConfiguration, read_configuration, read_xml
-from sim_adapters.scenario.sumo_names import SUMO_MODELS, attribute_values
+from sim_adapters.scenario.sumo_files import read_xml
+from sim_adapters.scenario.sumo_names import attribute_values, nearest_model
+from sim_adapters.scenario.vehicle_flows import flows_of_vehicles
+
+DEFAULT_MODEL = "Krauss"
+Vtypes = Mapping[str, Mapping[str, float]]
 
 
 @dataclass(frozen=True)
@@ -18,13 +27,15 @@ class Scenario:
 
     Attributes:
         configuration: what the .sumocfg says.
-        demand: vTypes, routes, flows, subject vehicle.
+        demand: vTypes, routes, flows, vehicles, subject vehicle.
         network: lanes along the subject vehicle's route.
         row_map: rows of the surrogate.
         entrances: first edges of the flows that reach the route, the subject vehicle's first.
         destinations: last edges of these flows, the subject vehicle's first.
         destination_routes: for each destination the edges from the beginning of the carriageway to the end.
-        flows: flows that use the subject vehicle's route.
+        flows: flows that use the subject vehicle's route; single vehicles as flows of their edge.
+        vtype_numbers: numeric attributes of vTypes as SUMO has them, defaults of their class included.
+        findings: how well each part can be followed by the surrogate.
         warnings: one line for each thing that was left out.
     """
 
@@ -34,76 +45,97 @@ class Scenario:
     row_map: RowMap
     entrances: tuple[str, ...]
     destinations: tuple[str, ...]
-    destination_routes: tuple[tuple[str, ...], ...]
+    destination_routes: tuple[Route, ...]
     flows: tuple[Flow, ...]
-    warnings: tuple[str, ...]
+    vtype_numbers: Vtypes = field(default_factory=dict)
+    findings: tuple[Finding, ...] = ()
+    warnings: tuple[str, ...] = ()
 
     @property
-    def flow_by_id(self) -> Mapping[str, Flow]:
-        """Flows by their SUMO id."""
-        return {flow.id: flow for flow in self.flows}
+    def flow_ids(self) -> tuple[str, ...]:
+        """Ids of the flows, each once."""
+        return tuple(dict.fromkeys(flow.id for flow in self.flows))
+
+    def parts_of(self, flow: str) -> tuple[Flow, ...]:
+        """The parts of a flow: one for each vType, route and window of time."""
+        return tuple(part for part in self.flows if part.id == flow)
+
+    def mean_rate_vehps(self, flow: str) -> float:
+        """Vehicles of a flow per second, over the time in which it comes at all."""
+        parts = self.parts_of(flow)
+        if len({(part.begin_s, part.end_s) for part in parts}) == 1:
+            return sum(part.rate_vehps for part in parts)
+        vehicles = sum(part.rate_vehps * (part.end_s - part.begin_s) for part in parts)
+        return vehicles / max(max(part.end_s for part in parts) - min(part.begin_s for part in parts), 1e-9)
+
+    @property
+    def is_left_to_sumo(self) -> bool:
+        """Whether the surrogate cannot follow this road or traffic at all."""
+        return any(finding.level is Level.SUMO_ALONE for finding in self.findings)
 
     def model_of(self, vtype: str) -> str:
-        """Return the car-following model of a vType.
-
-        Raises:
-            ScenarioError: the surrogate does not have it.
-        """
-        model = self.demand.vtypes[vtype].get("carFollowModel", "Krauss")
-        if model not in SUMO_MODELS:
-            raise ScenarioError(
-                self.demand.file,
-                f"vType '{vtype}': carFollowModel: expected one of {', '.join(SUMO_MODELS)}, got '{model}'.",
-            )
-        return model
+        """Car-following model of a vType, or the nearest one that the surrogate has."""
+        return nearest_model(self.demand.vtypes[vtype].get("carFollowModel", DEFAULT_MODEL))
 
     def values_of(self, vtype: str) -> dict[str, float]:
-        """Return every attribute of a vType as a number.
+        """Every attribute of a vType as a number.
 
         Raises:
             ScenarioError: one is not a number.
         """
         try:
-            return attribute_values(self.demand.vtypes[vtype], self.model_of(vtype))
+            return attribute_values(self.demand.vtypes[vtype], self.model_of(vtype), self.vtype_numbers.get(vtype))
         except ValueError as error:
             raise ScenarioError(self.demand.file, f"vType '{vtype}': {error}.") from None
 
 
-def read_scenario(config: Path, folder: Path, subject_vehicle: str, duration_s: float) -> Scenario:
+def read_scenario(
+    config: Path,
+    folder: Path,
+    subject_vehicle: str,
+    duration_s: float,
+    load: Callable[[SumoConfiguration], LoadedScenario] | None = None,
+) -> Scenario:
     """Read a scenario.
 
     Args:
         config: the .sumocfg.
         folder: the case's folder, which no path may leave.
         subject_vehicle: id of the subject vehicle.
-        duration_s: length of a run.
+        duration_s: end of a run, on the scenario's clock.
+        load: has SUMO load the scenario and say what its vTypes are and how trips go; without it, types take the
+            defaults of passenger cars and trips are refused.
 
     Raises:
-        ScenarioError: something is missing, or cannot be represented; one line says what.
+        ScenarioError: SUMO refuses it, or something is missing; one line says what.
     """
     configuration = read_configuration(config, folder)
-    for option in ("lateral-resolution", "step-method.ballistic"):
-        value = configuration.processing.get(option, "0").lower()
-        if value not in ("0", "0.0", "false", ""):
-            raise ScenarioError(config, f"option '{option}' = {value}: expected SUMO's default lane-based Euler model.")
-    files = [*configuration.additional_files, *configuration.route_files]
-    demand = read_demand(files, subject_vehicle, configuration.end_s or duration_s)
     read_xml(configuration.net_file)  # refuses what sumolib would read without a word
+    loaded = load(configuration) if load else LoadedScenario()
+    end_s = duration_s if configuration.end_s is None else min(configuration.end_s, duration_s)
+    demand = read_demand(
+        [*configuration.additional_files, *configuration.route_files],
+        subject_vehicle,
+        configuration.begin_s,
+        end_s,
+        configuration.processing,
+        configuration.scale,
+        loaded.find_route,
+    )
+    all_flows = (*demand.flows, *flows_of_vehicles(demand.vehicles, configuration.begin_s, end_s, configuration.scale))
     main_edges = demand.subject_route
-    network = read_route_network(configuration.net_file, main_edges, [flow.route for flow in demand.flows])
-    flows = tuple(flow for flow in demand.flows if any(edge in main_edges for edge in flow.route))
-    warnings = list(configuration.ignored)
-    if len(flows) < len(demand.flows):
-        warnings.append(f"{demand.file.name}: {len(demand.flows) - len(flows)} flows never meet the route; left out.")
-    for option in ("default.action-step-length", "lanechange.overtake-right"):
-        if configuration.processing.get(option, "0").lower() not in ("0", "0.0", "false"):
-            warnings.append(f"{config.name}: {option}: the surrogate does without; SUMO confirms with it.")
-    for vtype, attributes in demand.vtypes.items():
-        if "actionStepLength" in attributes:
-            warnings.append(f"vType '{vtype}': actionStepLength: the surrogate does without; SUMO confirms with it.")
+    vclasses = {demand.vtypes[flow.vtype].get("vClass", "passenger") for flow in all_flows}
+    network = read_route_network(
+        configuration.net_file, main_edges, [flow.route for flow in all_flows], sorted(vclasses)
+    )
+    flows = tuple(flow for flow in all_flows if any(edge in main_edges for edge in flow.route))
+    warnings = [*configuration.ignored, *loaded.warnings]
+    if len(flows) < len(all_flows):
+        warnings.append(f"{demand.file.name}: {len(all_flows) - len(flows)} flows never meet the route; left out.")
+    if not flows:
+        raise ScenarioError(demand.file, "expected background traffic on the subject vehicle's route; there is none.")
     entrances = _unique([main_edges[0], *(flow.route[0] for flow in flows)])
     destinations = _unique([main_edges[-1], *(flow.route[-1] for flow in flows)])
-    routes = tuple(_whole_route(network, destination, flows) for destination in destinations)
     scenario = Scenario(
         configuration=configuration,
         demand=demand,
@@ -111,18 +143,26 @@ def read_scenario(config: Path, folder: Path, subject_vehicle: str, duration_s: 
         row_map=lay_rows(network),
         entrances=entrances,
         destinations=destinations,
-        destination_routes=routes,
+        destination_routes=tuple(_whole_route(network, destination, flows) for destination in destinations),
         flows=flows,
+        vtype_numbers=loaded.vtypes,
         warnings=tuple(warnings),
     )
-    for vtype in _unique([*(flow.vtype for flow in flows), demand.subject_vtype]):
+    vtypes = _unique([*(flow.vtype for flow in flows), demand.subject_vtype])
+    for vtype in vtypes:
         scenario.values_of(vtype)
-    _refuse_mixed_windows(scenario)
-    return scenario
+    findings = [
+        *option_findings(configuration),
+        *vtype_findings(demand, vtypes),
+        *flow_findings(demand, flows),
+        *demand.findings,
+        *network.findings,
+    ]
+    return replace(scenario, findings=tuple(findings))
 
 
-def _whole_route(network: RouteNetwork, destination: str, flows: tuple[Flow, ...]) -> tuple[str, ...]:
-    """Return the edges from the beginning of the carriageway to a destination."""
+def _whole_route(network: RouteNetwork, destination: str, flows: Sequence[Flow]) -> Route:
+    """The edges from the beginning of the carriageway to a destination."""
     main = network.main_edges
     if destination in main:
         return main[: main.index(destination) + 1]
@@ -131,15 +171,5 @@ def _whole_route(network: RouteNetwork, destination: str, flows: tuple[Flow, ...
     return (*main[: main.index(route[last_main]) + 1], *route[last_main + 1 :])
 
 
-def _refuse_mixed_windows(scenario: Scenario) -> None:
-    for entrance in scenario.entrances:
-        windows = {(flow.begin_s, flow.end_s) for flow in scenario.flows if flow.route[0] == entrance}
-        if len(windows) > 1:
-            raise ScenarioError(
-                scenario.demand.file,
-                f"flows from edge '{entrance}': expected one begin and end for all, got {windows}.",
-            )
-
-
-def _unique(names: list[str]) -> tuple[str, ...]:
+def _unique(names: Sequence[str]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(names))

@@ -1,10 +1,10 @@
 """Writes a scenario with other parameter values, as SUMO files that plain `sumo` runs.
 
-The same files serve the runs that confirm a result and the calibrated scenario that is handed over, so that both give
-the same bits for the same seed.
+It is the user's own scenario: each file keeps its name and all its elements but those that change. The same files serve
+the runs that confirm a result and the calibrated scenario that is handed over, so that both give the same bits for the
+same seed; what only writes files (detectors) is left out of runs.
 """
 
-import re
 import shutil
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
@@ -12,19 +12,19 @@ from copy import deepcopy
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 from sim_adapters.interface import ParameterLayout
-from sim_adapters.scenario.demand_file import Flow
+from sim_adapters.scenario.scaled_demand import scale_flow, scale_vehicles
 from sim_adapters.scenario.scenario import Scenario
+from sim_adapters.scenario.scenario_files import writes_output
 from sim_adapters.scenario.sumo_effects import Draft, put_into
 from sim_adapters.scenario.sumo_files import read_xml
+from sim_adapters.scenario.sumo_names import SPEED_DISTRIBUTION
+from sim_adapters.scenario.times import read_time_s
 from sim_adapters.shared_runs import subject_names
 from sim_adapters.units import SECONDS_PER_HOUR
 from surrogate.effects.base import EffectSetting
 
-FORCED_OPTIONS = {"time-to-teleport": "-1"}  # a vehicle that vanishes would leave a gap that nobody made
-DROPPED_OPTIONS = ("ignore-route-errors",)
+MOVERS = ("flow", "vehicle", "trip")
 
 
 @dataclass(frozen=True)
@@ -33,13 +33,11 @@ class WrittenScenario:
 
     Attributes:
         config: the configuration.
-        demand: routes, flows and the subject vehicle.
-        vtypes: vTypes that were set.
+        files: additional files, then route files, in the order in which SUMO loads them.
     """
 
     config: Path
-    demand: Path
-    vtypes: Path
+    files: tuple[Path, ...]
 
 
 def write_scenario(
@@ -50,7 +48,7 @@ def write_scenario(
     subject_vehicle: str,
     folder: Path,
     name: str = "calibrated",
-    copy_net: bool = False,
+    is_handed_over: bool = False,
     comments: Mapping[str, str] | None = None,
     head: str = "",
     effects: Mapping[str, EffectSetting] | None = None,
@@ -65,9 +63,9 @@ def write_scenario(
         depart_s: when the subject vehicle departs; several departures, in order, for as many subject vehicles.
         subject_vehicle: id of the scenario's subject vehicle; further ones are named by `subject_names`.
         folder: where to write; must exist.
-        name: part of the files' names.
-        copy_net: whether to copy the network into the folder, so that the folder can be given away.
-        comments: a line for each attribute that is written beside the vTypes.
+        name: name of the configuration.
+        is_handed_over: whether the folder is for people: with the network and with what writes files.
+        comments: a line for each attribute that is written, at the top of the file with the vTypes.
         head: comment at the top of the configuration.
         effects: unmodelled effects to put in.
         seed: of what effects draw.
@@ -78,104 +76,119 @@ def write_scenario(
     Raises:
         NotExpressibleError: SUMO has no means for an effect.
     """
+    configuration = scenario.configuration
     set_attributes = dict(zip(layout.attributes, values[layout.num_inputs :], strict=True))
-    rates = flow_rates_vehps(scenario, layout, values)
+    factors = flow_factors(scenario, layout, values)
+    departs_s = [depart_s] if isinstance(depart_s, float | int) else depart_s
+    sources = [*configuration.additional_files, *configuration.route_files]
+    roots = [read_xml(file) for file in sources]
+    file_of: dict[int, int] = {}  # by identity of the element
     elements: list[ET.Element] = []
-    own: set[str] = set()
-    files = [*scenario.configuration.additional_files, *scenario.configuration.route_files]
-    for element in [element for file in files for element in read_xml(file)]:
-        element.tail = "\n"
-        if element.tag == "vType" and element.get("id") in layout.vtypes:
-            _set_attributes(element, set_attributes)
-            own.add(element.get("id", ""))
-        if element.tag == "flow" and element.get("id") in rates:
-            _set_rate(element, scenario.flow_by_id[element.get("id", "")], rates[element.get("id", "")])
-        if element.get("id") == subject_vehicle and element.tag in ("vehicle", "trip"):
-            elements += _subjects(element, [depart_s] if isinstance(depart_s, float | int) else depart_s)
-            continue
-        elements.append(element)
-    all_rates = {flow.id: rates.get(flow.id, flow.rate_vehps) for flow in scenario.flows}
-    draft = Draft(scenario, elements, seed, all_rates)
+    for number, root in enumerate(roots):
+        own = [one for one in root if is_handed_over or not writes_output(one)]
+        for element in scale_vehicles(own, factors, subject_vehicle):
+            element.tail = "\n"
+            for vtype in element.iter("vType"):
+                if vtype.get("id") in layout.vtypes:
+                    _set_attributes(vtype, set_attributes)
+            if element.tag == "flow" and element.get("id") in factors:
+                scale_flow(element, factors[element.get("id", "")])
+            is_subject = element.get("id") == subject_vehicle and element.tag in ("vehicle", "trip")
+            for one in _subjects(element, departs_s) if is_subject else [element]:
+                file_of[id(one)] = number
+                elements.append(one)
+    read = tuple(elements)  # keeps them, and with them their identities, while effects replace some
+    rates = {flow: factors.get(flow, 1.0) * scenario.mean_rate_vehps(flow) for flow in scenario.flow_ids}
+    draft = Draft(scenario, elements, seed, rates)
     put_into(draft, effects or {})
-    vtypes = [one for one in draft.elements if one.tag.startswith("vType") and one.get("id") in own]
-    routes = _in_order([one for one in draft.elements if one not in vtypes])
-    demand = folder / f"demand.{name}.rou.xml"
-    vtype_file = folder / f"vtypes.{name}.add.xml"
-    _write(demand, "routes", ["routes, flows and the subject vehicle; vTypes are in the .add.xml"], routes)
-    _write(vtype_file, "additional", [f"{k}: {v}" for k, v in (comments or {}).items()], vtypes)
-    net = scenario.configuration.net_file
-    if copy_net:
+    parts = _by_file(draft.elements, {id(one): file_of[id(one)] for one in read}, len(sources))
+    noted = next((n for n, part in enumerate(parts) if any(_has_vtype(one, layout.vtypes) for one in part)), 0)
+    written = []
+    for number, (source, root, part) in enumerate(zip(sources, roots, parts, strict=True)):
+        lines = [f"{k}: {v}" for k, v in (comments or {}).items()] if number == noted else []
+        is_route_file = number >= len(configuration.additional_files)
+        file = folder / _file_name(source, sources[:number])
+        _write(file, root.tag, lines, _in_order(part) if is_route_file else part)
+        written.append(file)
+    net = configuration.net_file
+    if is_handed_over:
         shutil.copyfile(net, folder / net.name)
+    inputs = {"net-file": net.name if is_handed_over else str(net)}
+    additional = written[: len(configuration.additional_files)]
+    if additional:
+        inputs["additional-files"] = ",".join(file.name for file in additional)
+    inputs["route-files"] = ",".join(file.name for file in written[len(additional) :])
     config = folder / f"{name}.sumocfg"
-    inputs = {
-        "net-file": net.name if copy_net else str(net),
-        "additional-files": vtype_file.name,
-        "route-files": demand.name,
-    }
     _write_configuration(config, scenario, inputs, head, draft.processing)
-    return WrittenScenario(config, demand, vtype_file)
+    return WrittenScenario(config, tuple(written))
 
 
-def flow_rates_vehps(scenario: Scenario, layout: ParameterLayout, values: Sequence[float]) -> dict[str, float]:
-    """Return the rate of each flow that an input scales; shares within an input are kept."""
-    rates = {}
+def flow_factors(scenario: Scenario, layout: ParameterLayout, values: Sequence[float]) -> dict[str, float]:
+    """By how much each flow of an input is scaled; shares within an input are kept."""
+    factors = {}
     for index, flows in enumerate(layout.input_flows):
-        base = [scenario.flow_by_id[flow].rate_vehps for flow in flows]
-        factor = values[index] / SECONDS_PER_HOUR / max(float(np.sum(base)), 1e-12)
-        rates |= {flow: rate * factor for flow, rate in zip(flows, base, strict=True)}
-    return rates
+        base = sum(scenario.mean_rate_vehps(flow) for flow in flows)
+        factors |= dict.fromkeys(flows, values[index] / SECONDS_PER_HOUR / max(float(base), 1e-12))
+    return factors
+
+
+def _by_file(elements: Sequence[ET.Element], file_of: Mapping[int, int], num_files: int) -> list[list[ET.Element]]:
+    """Elements of each file; new ones, of effects, go where their neighbour before them stands."""
+    parts: list[list[ET.Element]] = [[] for _ in range(num_files)]
+    place = num_files - 1
+    for element in elements:
+        place = file_of.get(id(element), place)
+        parts[place].append(element)
+    return parts
+
+
+def _has_vtype(element: ET.Element, vtypes: Sequence[str]) -> bool:
+    return any(vtype.get("id") in vtypes for vtype in element.iter("vType"))
+
+
+def _file_name(source: Path, before: Sequence[Path]) -> str:
+    """The file's own name; packed files are written unpacked, and a name is taken once."""
+    name = source.name.removesuffix(".gz")
+    taken = sum(other.name.removesuffix(".gz") == name for other in before)
+    return f"{taken}-{name}" if taken else name
 
 
 def _subjects(element: ET.Element, departs_s: Sequence[float]) -> list[ET.Element]:
-    """Return the subject vehicle once for each departure."""
-    found = []
+    """The subject vehicle once for each departure."""
+    subjects = []
     for name, depart_s in zip(subject_names(element.get("id", ""), departs_s), departs_s, strict=True):
-        one = deepcopy(element)
-        one.set("id", name)
-        one.set("depart", _text(depart_s))
-        if found:  # SUMO keeps the option that names the first from one run of a process to the next
-            ET.SubElement(one, "param", key="has.fcd.device", value="true")
-        found.append(one)
-    return found
+        subject = deepcopy(element)
+        subject.set("id", name)
+        subject.set("depart", _text(depart_s))
+        if subjects:  # SUMO keeps the option that names the first from one run of a process to the next
+            ET.SubElement(subject, "param", key="has.fcd.device", value="true")
+        subjects.append(subject)
+    return subjects
 
 
 def _in_order(elements: Sequence[ET.Element]) -> list[ET.Element]:
-    """Return elements with flows and vehicles by begin and departure: SUMO leaves out who stands too late in a file."""
+    """Elements with flows and vehicles by begin and departure: SUMO leaves out who stands too late in a file."""
 
     def begin_s(element: ET.Element) -> float:
-        if element.tag not in ("flow", "vehicle", "trip"):
-            return -np.inf
-        try:
-            return float(element.get("depart") or element.get("begin") or 0.0)
-        except ValueError:  # a time of day, or a vehicle that waits for something
-            return 0.0
+        if element.tag not in MOVERS:
+            return -1.0
+        seconds = read_time_s(element.get("depart") or element.get("begin") or "0")
+        return 0.0 if seconds is None else max(seconds, 0.0)  # a vehicle that waits for something
 
     return sorted(elements, key=begin_s)
 
 
 def _set_attributes(vtype: ET.Element, values: Mapping[str, float]) -> None:
     factor = vtype.get("speedFactor", "")
-    bounded = re.fullmatch(r"normc\(([^,]*),([^,]*)((?:,[^,]*){0,2})\)", factor.replace(" ", ""))
+    distribution = SPEED_DISTRIBUTION.fullmatch(factor.replace(" ", ""))
     for attribute, value in values.items():
-        if not (bounded and attribute in ("speedFactor", "speedDev")):
+        if not (distribution and attribute in ("speedFactor", "speedDev")):
             vtype.set(attribute, _text(value))
-    if bounded and {"speedFactor", "speedDev"} & set(values):
-        mean = _text(values["speedFactor"]) if "speedFactor" in values else bounded.group(1)
-        deviation = _text(values["speedDev"]) if "speedDev" in values else bounded.group(2)
-        vtype.set("speedFactor", f"normc({mean},{deviation}{bounded.group(3)})")
-
-
-def _set_rate(element: ET.Element, flow: Flow, rate_vehps: float) -> None:
-    if (element.get("period") or "").strip().startswith("exp"):
-        element.set("period", f"exp({_text(rate_vehps)})")
-    elif element.get("period"):
-        element.set("period", _text(1.0 / max(rate_vehps, 1e-9)))
-    elif element.get("vehsPerHour"):
-        element.set("vehsPerHour", _text(rate_vehps * SECONDS_PER_HOUR))
-    elif element.get("probability"):
-        element.set("probability", _text(min(rate_vehps, 1.0)))
-    else:
-        element.set("number", str(round(rate_vehps * (flow.end_s - flow.begin_s))))
+    if distribution and {"speedFactor", "speedDev"} & set(values):
+        kind, mean, deviation, bounds = distribution.groups()
+        mean = _text(values["speedFactor"]) if "speedFactor" in values else mean
+        deviation = _text(values["speedDev"]) if "speedDev" in values else deviation or "0"
+        vtype.set("speedFactor", f"{kind}({mean},{deviation}{bounds})")
 
 
 def _write_configuration(
@@ -186,12 +199,11 @@ def _write_configuration(
     for section, options in (
         ("input", inputs),
         ("time", {"begin": _text(configuration.begin_s), "step-length": _text(configuration.step_s)}),
-        ("processing", configuration.processing | dict(processing) | FORCED_OPTIONS),
+        ("processing", dict(configuration.processing) | dict(processing)),
     ):
         element = ET.SubElement(root, section)
         for option, value in options.items():
-            if option not in DROPPED_OPTIONS:
-                ET.SubElement(element, option, value=value)
+            ET.SubElement(element, option, value=value)
     if configuration.end_s is not None:
         ET.SubElement(root[1], "end", value=_text(configuration.end_s))
     ET.indent(root, "    ")

@@ -5,6 +5,7 @@ are those of SUMO 1.28; what a parameter may be stands with the model in `surrog
 car-following model, enter it in `SUMO_MODELS`.
 """
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -121,6 +122,16 @@ SUMO_MODELS: dict[str, SumoModel] = {
 }
 
 
+# Of SUMO's models that the surrogate lacks; what a driver wants (a time gap, an acceleration) is the same there.
+NEAREST_MODEL = {
+    "IDMM": "IDM", "EIDM": "IDM", "ACC": "IDM", "CACC": "IDM", "Wiedemann": "W99", "KraussOrig1": "Krauss",
+    "KraussPS": "Krauss", "KraussX": "Krauss", "SmartSK": "Krauss", "Daniel1": "Krauss", "PWagner2009": "Krauss",
+    "BKerner": "Krauss", "Rail": "Krauss",
+}  # fmt: skip
+# norm(mean, deviation) or normc(mean, deviation, least, most)
+SPEED_DISTRIBUTION = re.compile(r"(normc?)\(([^,)]*)(?:,([^,)]*))?((?:,[^,)]*){0,2})\)")
+
+
 @dataclass(frozen=True)
 class UnknownAttributeError(ValueError):
     """An attribute that the surrogate does not know for this model."""
@@ -165,23 +176,32 @@ def parameter_of(model: str, attribute: Attribute) -> Parameter | None:
     return next((row for row in DESIRED_SPEED if row.name == attribute.field), None)
 
 
-def attribute_values(attributes: Mapping[str, str], model: str) -> dict[str, float]:
+def nearest_model(name: str) -> str:
+    """The car-following model of `SUMO_MODELS` that is nearest to one of SUMO's."""
+    return name if name in SUMO_MODELS else NEAREST_MODEL.get(name, "Krauss")
+
+
+def attribute_values(
+    attributes: Mapping[str, str], model: str, said: Mapping[str, float] | None = None
+) -> dict[str, float]:
     """Return every known attribute of a vType as a number, SUMO's default where the vType is silent.
 
     Args:
         attributes: attributes as written in the file.
         model: car-following model, one of `SUMO_MODELS`.
+        said: numbers that SUMO itself gives for the vType; they stand where the file is silent.
 
     Raises:
         ValueError: a value is not a number; the message names the attribute.
     """
     known = attributes_of(model)
     by_class = CLASS_DEFAULTS.get(attributes.get("vClass", "passenger"), CLASS_DEFAULTS["passenger"])
+    if said:  # of models without imperfection SUMO says -1
+        by_class = by_class | {name: value for name, value in said.items() if value >= 0.0}
     written = dict(attributes)
-    factor = written.get("speedFactor", "")
-    if factor.startswith("normc("):
-        mean, deviation, *_ = factor[len("normc(") : -1].split(",")
-        written["speedFactor"], written["speedDev"] = mean, deviation
+    distribution = SPEED_DISTRIBUTION.fullmatch(written.get("speedFactor", "").replace(" ", ""))
+    if distribution:
+        written["speedFactor"], written["speedDev"] = distribution.group(2), distribution.group(3) or "0"
     values: dict[str, float] = {}
     for name, attribute in known.items():
         text = written.get(name)

@@ -116,7 +116,13 @@ class SumoSimulator:
             initializer=begin_worker,
         )
         self._lane_place = _lane_places(scenario)
-        self._entrance_of_flow = {flow.id: scenario.entrances.index(flow.route[0]) for flow in scenario.flows}
+        entrance_of = {edge: number for number, edge in enumerate(scenario.entrances)}
+        self._entrance_of_flow = {flow.id: entrance_of[flow.route[0]] for flow in scenario.flows}
+        self._entrance_of_flow |= {
+            vehicle.id: entrance_of[vehicle.route[0]]
+            for vehicle in scenario.demand.vehicles
+            if vehicle.route[0] in entrance_of
+        }
 
     def __enter__(self) -> "SumoSimulator":
         """Return itself."""

@@ -5,7 +5,7 @@ import ctypes
 import os
 import signal
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -14,6 +14,7 @@ import numpy as np
 from sim_adapters.sumo.distant import TypeSwitch
 from sim_adapters.sumo.job import LOG_FILE, SumoFailedError, SumoJob, SumoRun
 
+COPY = ".copy"  # in ids of vehicles that stand twice where demand is scaled up
 PR_SET_PDEATHSIG = 1  # of Linux's prctl
 STANDARD_ERROR = 2
 SAYS_NOTHING = "Process Error"  # SUMO's exception where it has said the reason on standard error before
@@ -112,7 +113,7 @@ def _step_until_subject_left(libsumo, job: SumoJob) -> dict:
     switch = None
     if job.distant is not None:
         switch = TypeSwitch(libsumo, job.distant, job.subject_vehicles[0], job.radius_m, job.lane_place)
-    for step in range(round(job.end_s / step_s)):
+    for step in range(round(simulation.getTime() / step_s), round(job.end_s / step_s)):
         if switch is not None and not has_left:
             switch.before_step(step)
         if driver is not None and not has_left:
@@ -125,7 +126,7 @@ def _step_until_subject_left(libsumo, job: SumoJob) -> dict:
         if switch is not None:
             switch.departed(simulation.getDepartedIDList())
         for departed in simulation.getDepartedIDList():
-            entrance = job.entrance_of_flow.get(departed.rpartition(".")[0])
+            entrance = _entrance_of(departed, job.entrance_of_flow)
             if entrance is not None:
                 inserted[entrance] += 1
             if departed in to_come:
@@ -148,7 +149,7 @@ def _step_until_subject_left(libsumo, job: SumoJob) -> dict:
             num_frames += len(on_the_way) if step % steps_per_frame == 0 else 0
     arrived = inserted.copy()
     for waiting in simulation.getPendingVehicles():
-        entrance = job.entrance_of_flow.get(waiting.rpartition(".")[0])
+        entrance = _entrance_of(waiting, job.entrance_of_flow)
         if entrance is not None:
             arrived[entrance] += 1
     return {
@@ -162,6 +163,14 @@ def _step_until_subject_left(libsumo, job: SumoJob) -> dict:
         "num_frames": num_frames,
         "passed_s": {edge: np.asarray(times) for edge, times in passed.items()},
     }
+
+
+def _entrance_of(vehicle: str, entrance_of_flow: Mapping[str, int]) -> int | None:
+    """Entrance of a vehicle, by its own id, by that of which it is a copy, or by its flow's."""
+    for name in (vehicle, vehicle.partition(COPY)[0], vehicle.rpartition(".")[0]):
+        if name in entrance_of_flow:
+            return entrance_of_flow[name]
+    return None
 
 
 def _read_frames(output: Path, job: SumoJob) -> dict[str, np.ndarray]:

@@ -43,6 +43,7 @@ class WorldTemplate:
         window_s: begin and end of each entrance's flows.
         is_regular: whether vehicles come evenly.
         flow_rate_vehps: rate of each flow as the scenario has it, [entrance, flow]; 0 where there is none.
+        input_vehps: demand of each input as the scenario has it, in the mean over the time in which it comes.
         flow_input: input that scales each flow; the number of inputs where none does.
         flow_destination: destination of each flow.
         flow_class: class of each flow.
@@ -65,6 +66,7 @@ class WorldTemplate:
     window_s: np.ndarray
     is_regular: np.ndarray
     flow_rate_vehps: np.ndarray
+    input_vehps: np.ndarray
     flow_input: np.ndarray
     flow_destination: np.ndarray
     flow_class: np.ndarray
@@ -85,9 +87,7 @@ class WorldTemplate:
 
     def base_demand_vehph(self) -> np.ndarray:
         """Return the demand of each input as the scenario has it."""
-        demand = np.zeros(self.layout.num_inputs + 1)
-        np.add.at(demand, self.flow_input, self.flow_rate_vehps * SECONDS_PER_HOUR)
-        return demand[:-1]
+        return self.input_vehps * SECONDS_PER_HOUR
 
     def base_values(self) -> np.ndarray:
         """Return the parameter vector that means the scenario as it is."""
@@ -217,7 +217,7 @@ def build_template(
     """
     subject_model = subject_model or SubjectModel()
     subject_model.check()
-    known = scenario.flow_by_id
+    known = scenario.flow_ids
     for name, flows in zip(layout.input_ids, layout.input_flows, strict=True):
         for flow in flows:
             if flow not in known:
@@ -256,6 +256,7 @@ def build_template(
         window_s=window,
         is_regular=np.asarray([bool(flows) and all(flow.is_regular for flow in flows) for flows in by_entrance]),
         flow_rate_vehps=rate,
+        input_vehps=np.asarray([sum(map(scenario.mean_rate_vehps, flows)) for flows in layout.input_flows]),
         flow_input=chosen_input,
         flow_destination=destination,
         flow_class=vehicle_classes,

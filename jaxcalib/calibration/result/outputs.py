@@ -34,7 +34,7 @@ def write_calibrated_scenario(record: CalibrationRecord, result: CalibrationResu
         problem.departs_s("fit")[0],
         problem.parts.subject.vehicle,
         draft,
-        copy_net=True,
+        is_handed_over=True,
         comments={name: _comment(result, name) for name in problem.layout.attributes},
         head=f"calibrated by jaxcalib {result.versions['jaxcalib']}; seeds: {seeds}",
     )

@@ -58,7 +58,7 @@ def build_result(record: CalibrationRecord) -> CalibrationResult:
         moes=effectiveness_table(errors, notes),
         runs={
             "surrogate": record.num_surrogate_runs,
-            "sumo": sum(_health(record)[name].runs for name in _sumo_outcomes(record)),
+            "sumo": record.num_sumo_search_runs + sum(_health(record)[name].runs for name in _sumo_outcomes(record)),
         },
         wall_s=record.wall_s,
         notes=notes,
@@ -130,13 +130,15 @@ def _mops(
     sources: dict[str, dict[str, np.ndarray | None]] = {
         "field": {role: problem.field_of(role).sum(axis=0) for role in ROLES},
         "surrogate": {
-            "fit": winner.surrogate_runs * winner.surrogate,
+            "fit": None if record.num_sumo_search_runs else winner.surrogate_runs * winner.surrogate,
             "held_out": _summed(record.surrogate_on_held_out),
         },
         "sumo": {role: calibrated[role].tally.sum(axis=0) for role in ROLES},
     }
     if sources["surrogate"]["held_out"] is None:
         notes["mops.surrogate.held_out"] = "no held-out drive, or the surrogate failed on them"
+    if record.num_sumo_search_runs:
+        notes["mops.surrogate.fit"] = "SUMO made the search's runs; see warnings for what the surrogate cannot follow"
     return {
         source: {
             role: {} if tally is None else _measured(record, f"mops.{source}.{role}", tally, notes)

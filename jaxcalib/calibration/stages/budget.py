@@ -1,6 +1,6 @@
 """How many runs each part gets, from the size of the scenario alone, so that the same command does the same work."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from jaxcalib.calibration.stages.evaluator import in_rounds
 from jaxcalib.calibration.stages.screening import SHORTLIST_RUNS, small_array, smallest_array
@@ -23,6 +23,7 @@ NOISE_RUNS, LARGE_NOISE_RUNS = 64, 32  # whole batches of two cores; fewer would
 COVARIANCE_RUNS = 192
 GENERATION = 16  # of SAGA; others take their own batches
 SHORTLISTED = 5  # candidates, about
+SUMO_NOISE_ROUNDS, SUMO_GENERATIONS = 12, 2  # where SUMO makes the search's runs
 QUICK = 0.5  # below it SUMO confirms one finalist only
 
 
@@ -63,13 +64,40 @@ class Budget:
         return confirming + 2 * (self.final_runs + self.final_fit_runs)
 
 
-def plan_budget(problem: CalibrationProblem, scale: float = 1.0) -> Budget:
+def plan_budget(problem: CalibrationProblem, scale: float = 1.0, *, in_sumo: bool = False) -> Budget:
     """Return the numbers of runs for a problem.
 
     Args:
         problem: the problem.
         scale: 1 for the default; numbers of runs grow and shrink with it.
+        in_sumo: whether SUMO makes the search's runs, too; see `in_sumo_alone`.
     """
+    plan = _plan_budget(problem, scale)
+    return in_sumo_alone(plan, problem, scale) if in_sumo else plan
+
+
+def in_sumo_alone(plan: Budget, problem: CalibrationProblem, scale: float) -> Budget:
+    """The numbers of runs where SUMO makes them all: a tenth of the surrogate's, each candidate on each drive once.
+
+    Drives share runs where they depart far enough apart, so that a candidate costs one run or few.
+    """
+    num_fit = len(problem.departs_s("fit"))
+    rounds = max(1, round(scale))
+    noise_rounds = max(6, round(SUMO_NOISE_ROUNDS * min(scale, 2.0)))
+    num_evaluations = max(2, round(SUMO_GENERATIONS * min(scale, 3.0))) * GENERATION
+    return replace(
+        plan,
+        runs_per_candidate=rounds * num_fit,
+        noise_runs=noise_rounds * num_fit,
+        covariance_runs=2 * noise_rounds * num_fit,
+        polish_runs=rounds * num_fit,
+        num_evaluations=num_evaluations,
+        confirmation_rounds=1,
+        num_surrogate_runs=(plan.num_surrogate_runs // 10),
+    )
+
+
+def _plan_budget(problem: CalibrationProblem, scale: float) -> Budget:
     scenario = problem.parts.scenario
     size = expected_vehicles(problem) * scenario.duration_s / scenario.step_s
     ratio = max(1.0, size / SMALL_RUN)

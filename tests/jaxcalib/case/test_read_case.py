@@ -72,8 +72,7 @@ def test_the_scenario_may_be_left_out_until_something_needs_it(case_folder: Path
     with pytest.raises(CaseError) as error:
         require_scenario(case)
     assert str(error.value) == (
-        "case.toml: [scenario], [subject], [behaviour], [[input]]: expected for everything that runs the scenario; "
-        "missing here."
+        "case.toml: [scenario], [subject], [behaviour]: expected for everything that runs the scenario; missing here."
     )
 
 
@@ -82,7 +81,10 @@ def test_require_scenario_names_only_what_is_missing(case_folder: Path):
     text = (case_folder / "case.toml").read_text()
     begin, end = text.index("[[input]]"), text.index("[[drive]]")
     (case_folder / "case.toml").write_text(text[:begin] + text[end:])
-    with pytest.raises(CaseError, match=r"^case.toml: \[\[input\]\]: expected"):
+    assert require_scenario(read_case(case_folder)).inputs == ()  # entrances are found in the scenario
+    begin, end = text.index("[behaviour]"), text.index("[[input]]")
+    (case_folder / "case.toml").write_text(text[:begin] + text[end:])
+    with pytest.raises(CaseError, match=r"^case.toml: \[behaviour\]: expected"):
         require_scenario(read_case(case_folder))
 
 

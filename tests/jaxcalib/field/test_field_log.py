@@ -207,7 +207,7 @@ def test_rows_without_a_place_are_left_out_and_told(read: Callable, straight_dri
     assert (log.counts.subject_rows_without_place, log.counts.rows_without_subject) == (1, 2)
     assert log.counts.rows_without_place == 1
     assert log.warnings == (
-        "d01_subject.csv: 1 of 51 rows have no longitude, latitude or speed and are left out.",
+        "d01_subject.csv: 1 of 51 rows have no place or no speed and are left out.",
         "d01_objects.csv: 2 of 102 rows have a time at which the subject vehicle has none or no place; left out.",
         "d01_objects.csv: 1 of 102 rows have no distance, no speed, or neither lane nor place across; left out.",
     )
@@ -259,7 +259,7 @@ def test_a_few_contradicting_lanes_are_a_warning(read: Callable, straight_drive:
     log = read((spoil(subject, 3, "lane", 2), spoil(objects, 4, "lane", 1)))
     assert log.subject.row[1] == 1
     assert log.warnings == (
-        "d01_subject.csv: 1 of 51 rows have a lane other than where longitude and latitude lie; the lane counts.",
+        "d01_subject.csv: 1 of 51 rows have a lane other than where the place lies; the lane counts.",
         "d01_objects.csv: 1 of 102 rows have a lane other than their place across; the lane counts.",
     )
 
@@ -267,7 +267,7 @@ def test_a_few_contradicting_lanes_are_a_warning(read: Callable, straight_drive:
 def test_a_road_that_is_elsewhere_is_a_warning(read: Callable, straight_drive: Tables):
     log = read((spoil(straight_drive[0], 3, "road", "c"), straight_drive[1]))
     assert log.warnings == (
-        "d01_subject.csv: 1 of 51 rows name a road other than where longitude and latitude lie; the place counts.",
+        "d01_subject.csv: 1 of 51 rows name a road other than where the place lies; the place counts.",
     )
 
 
@@ -298,7 +298,7 @@ def test_objects_at_other_times_are_refused(read: Callable, straight_drive: Tabl
 
 def test_a_place_off_the_map_is_refused(read: Callable, straight_drive: Tables):
     subject, objects = straight_drive
-    expected = "columns longitude_rad, latitude_rad: expected a place within 30 m of the route, got one"
+    expected = "columns longitude_rad and latitude_rad: expected a place within 30 m of the route, got one"
     # 101 m to the left of the rightmost lane are 93.5 m to the left of the leftmost.
     north = value_at(subject, 7, "latitude_rad") + 101.0 / 6_371_000.0
     line = message(read, (spoil(subject, 7, "latitude_rad", north), objects))
@@ -310,8 +310,8 @@ def test_a_place_off_the_map_is_refused(read: Callable, straight_drive: Tables):
 def test_a_subject_vehicle_without_places_is_refused(read: Callable, straight_drive: Tables):
     subject, objects = straight_drive
     assert message(read, (subject.assign(latitude_rad=np.nan), objects)) == (
-        "d01_subject.csv: row 2: expected longitude_rad, latitude_rad and speed_kmh; one is missing, here and in 100% "
-        "of the rows."
+        "d01_subject.csv: row 2: expected longitude_rad and latitude_rad and speed_kmh; one is missing, here and in "
+        "100% of the rows."
     )
 
 
@@ -328,7 +328,7 @@ def test_a_lane_that_the_road_does_not_have_is_refused(read: Callable, straight_
 def test_lanes_counted_from_the_left_are_refused(read: Callable, straight_drive: Tables):
     subject, objects = straight_drive
     assert message(read, (subject.assign(lane=3), objects)) == (
-        "d01_subject.csv: row 2, column lane: expected the lane where longitude and latitude lie, got 3; "
+        "d01_subject.csv: row 2, column lane: expected the lane where longitude_rad and latitude_rad lie, got 3; "
         "100% of the rows contradict so."
     )
 

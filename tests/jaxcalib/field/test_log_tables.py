@@ -154,6 +154,7 @@ def test_reads_parquet_like_csv(tmp_path: Path):
     plain = read_subject_log(write(tmp_path, SUBJECT))
     pd.read_csv(tmp_path / "t.csv").to_parquet(tmp_path / "t.parquet")
     packed = read_subject_log(tmp_path / "t.parquet")
-    for name in ("time_s", "speed_mps", "lane", "longitude_rad", "acceleration_mps2"):
+    np.testing.assert_array_equal(packed.place.first, plain.place.first)
+    for name in ("time_s", "speed_mps", "lane", "acceleration_mps2"):
         np.testing.assert_array_equal(getattr(packed, name), getattr(plain, name))
     assert packed.road.tolist() == plain.road.tolist()

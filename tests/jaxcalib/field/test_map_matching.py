@@ -11,12 +11,12 @@ from hypothesis import strategies as st
 from jaxcalib.errors import CaseError
 from jaxcalib.field.log_checks import refuse_lanes
 from jaxcalib.field.log_tables import LANE_UNKNOWN
+from jaxcalib.field.logged_place import LoggedPlace
 from jaxcalib.field.map_matching import (
     lane_centre_m,
     match_lanes,
     match_points,
     match_points_in_rows,
-    project,
 )
 from jaxcalib.field.route_geometry import RouteGeometry, build_route_geometry
 from sim_adapters.scenario.road_builder import RowMap
@@ -97,23 +97,35 @@ def test_a_point_is_found_in_the_row_that_is_asked_for(geometry: RouteGeometry):
 def test_the_projection_is_that_of_sumolib(geometry: RouteGeometry, row_map: RowMap, to_lon_lat: Callable):
     xy = np.asarray([[0.0, 0.0], [350.25, -7.5], [700.0, 39.0]])
     lon_lat = to_lon_lat(xy)
-    found = project(geometry, lon_lat[:, 0], lon_lat[:, 1])
+    found = LoggedPlace("globe", lon_lat[:, 0], lon_lat[:, 1]).points(geometry, np.arange(len(lon_lat)))
     np.testing.assert_allclose(found, xy, atol=1e-5)
     by_sumolib = [row_map.network.net.convertLonLat2XY(*np.degrees(place)) for place in lon_lat]
     np.testing.assert_allclose(found, by_sumolib, atol=1e-9)
 
 
 @pytest.mark.parametrize("projection", ["!", "-", "UTM", "+proj=utm +zone=999", None])
-def test_a_network_without_a_projection_of_proj_is_refused(
+def test_a_network_without_a_projection_of_proj_knows_no_longitude(
     projection: str | None, row_map_projected: Callable[[str | None], RowMap]
 ):
     """SUMO calls none "!", and "-" and "UTM" are ways of its own from degrees to metres."""
-    with pytest.raises(CaseError) as error:
-        build_route_geometry(row_map_projected(projection))
-    assert str(error.value) == (
-        "plain.net.xml: location.projParameter: expected a projection as PROJ writes it, for logs hold longitude and "
-        f'latitude; got "{projection or ""}". Build the network from geographic data with netconvert --proj.utm.'
-    )
+    assert not build_route_geometry(row_map_projected(projection)).has_projection
+
+
+def test_places_in_the_plane_and_on_edges_are_those_on_the_globe(
+    geometry: RouteGeometry, row_map: RowMap, to_lon_lat: Callable
+):
+    for number, edge in enumerate(geometry.edges):
+        length_m = float(geometry.edge_end_m[number] - geometry.edge_start_m[number])
+        along_m = np.asarray([0.13, 0.5, 0.87]) * length_m
+        on_edge = LoggedPlace("edge", np.full(3, edge, object), along_m).points(geometry, np.arange(3))
+        lon_lat = to_lon_lat(on_edge)
+        on_globe = LoggedPlace("globe", lon_lat[:, 0], lon_lat[:, 1]).points(geometry, np.arange(3))
+        in_plane = LoggedPlace("plane", on_edge[:, 0], on_edge[:, 1]).points(geometry, np.arange(3))
+        np.testing.assert_allclose(on_globe, on_edge, atol=1e-5)
+        np.testing.assert_array_equal(in_plane, on_edge)
+        matched = match_points(geometry, on_edge)
+        np.testing.assert_allclose(matched.position_m, geometry.edge_start_m[number] + along_m, atol=0.02)
+        np.testing.assert_allclose(matched.lateral_m, 0.0, atol=0.01)
 
 
 def lanes_of(geometry: RouteGeometry, position_m: float, across_m: float, lane: int):

@@ -10,9 +10,11 @@ import pytest
 from sim_adapters.errors import ScenarioError
 from sim_adapters.interface import ParameterLayout
 from sim_adapters.scenario import sumo_files
+from sim_adapters.scenario.configuration import read_configuration
+from sim_adapters.scenario.finding import Level
 from sim_adapters.scenario.scenario import Scenario, read_scenario
 from sim_adapters.scenario.scenario_writer import write_scenario
-from sim_adapters.scenario.sumo_files import read_configuration, read_xml
+from sim_adapters.scenario.sumo_files import read_xml
 from sim_adapters.world.world_builder import build_template
 
 CONFIG, DEMAND, NET = "scenario.sumocfg", "demand.rou.xml", "net.net.xml"
@@ -76,17 +78,17 @@ def test_packed_files_are_read_up_to_a_limit(own_corridor: Path, monkeypatch: py
         read_xml(packed)
 
 
-def test_sections_that_would_write_files_or_open_sockets_are_left_out(
+def test_options_that_would_write_files_or_open_sockets_are_left_out(
     own_corridor: Path, layout: ParameterLayout, tmp_path: Path
 ):
     harm = (
         f'<output><fcd-output value="{tmp_path}/harm.xml"/></output><traci_server><remote-port value="9999"/>'
-        "</traci_server><strange><thing value='1'/></strange>"
+        "</traci_server><default.speeddev value='0.07'/>"
     )
     spoil(own_corridor, CONFIG, "<time>", harm + "<time>")
     spoil(own_corridor, CONFIG, "<processing>", '<processing><device.rerouting.output value="x"/>')
     scenario = read(own_corridor)
-    for part in ("<output>", "<traci_server>", "<strange>", "'device.rerouting.output'"):
+    for part in ("'fcd-output'", "'remote-port'", "'device.rerouting.output'"):
         (line,) = (line for line in scenario.warnings if part in line)
         assert line.startswith(f"{CONFIG}: ")
         assert "\n" not in line
@@ -95,8 +97,9 @@ def test_sections_that_would_write_files_or_open_sockets_are_left_out(
     written = write_scenario(scenario, layout, (1000.0, 100.0, 1.0, 2.5, 2.6, 1.0, 0.1, 1.0, 1.0), 5.0, "ego", out)
     root = ET.parse(written.config).getroot()
     assert [section.tag for section in root] == ["input", "time", "processing"]
-    assert [option.tag for option in root[0]] == ["net-file", "additional-files", "route-files"]
-    assert {option.tag for option in root[2]} == {"time-to-teleport", "collision.action"}
+    assert [option.tag for option in root[0]] == ["net-file", "route-files"]
+    # what acts on traffic is kept, in whichever section it stood, or in none
+    assert {option.tag for option in root[2]} == {"time-to-teleport", "collision.action", "default.speeddev"}
     assert "harm" not in written.config.read_text()
 
 
@@ -127,23 +130,19 @@ def test_paths_may_go_up_within_the_folder(own_corridor: Path):
         (CONFIG, f'<route-files value="{DEMAND}"/>', "", "route-files"),
         (CONFIG, f'"{NET}"', f'"{NET},{NET}"', "one network"),
         (CONFIG, 'step-length value="0.1"', 'step-length value="fast"', "'step-length'"),
-        (CONFIG, 'end value="720"', 'end value="-3"', "'end'"),
-        (CONFIG, 'collision.action value="warn"', 'lateral-resolution value="0.8"', "'lateral-resolution'"),
+        (CONFIG, 'begin value="0"', 'begin value="-3"', "'begin'"),
         (CONFIG, "</configuration>", "", "expected XML"),
         (DEMAND, "</routes>", "", "expected XML"),
         (DEMAND, 'id="f_main_e" type="car"', 'id="f_main_e" type="lorry"', "'lorry'"),
         (DEMAND, 'id="ego" type="subject"', 'id="ego" type="robot"', "'robot'"),
-        (DEMAND, 'id="ego"', 'id="other"', "'other'"),
+        (DEMAND, 'id="ego"', 'id="other"', "'ego'"),
         (DEMAND, 'route="r_main_e"', 'route="r_nowhere"', "'r_nowhere'"),
         (DEMAND, 'edges="in1 on1 m3 m4 m5 m6 off1"', 'edges="in1 on1 m3 m4 m55"', None),
         (DEMAND, 'tau="1.0"', 'tau="long"', "'tau'"),
-        (DEMAND, 'carFollowModel="IDM"', 'carFollowModel="Rail"', "'Rail'"),
-        (DEMAND, 'departSpeed="avg"', 'departSpeed="max"', "departSpeed"),
         (DEMAND, 'period="exp(0.130000)"', 'period="exp(often)"', "period"),
         (DEMAND, 'period="exp(0.130000)"', "", "expected period"),
-        (DEMAND, 'begin="0" end="720" period="exp(0.130000)"', 'begin="9" end="720" period="exp(0.13)"', "'in0'"),
-        (DEMAND, "<route id", '<vTypeDistribution id="mix" vTypes="car"/><route id', "'mix'"),
-        (DEMAND, "<route id", '<inductionLoop id="loop" file="../harm.xml"/><route id', "inductionLoop"),
+        (DEMAND, "<route id", '<vTypeDistribution id="mix" vTypes="lorry"/><route id', "'mix'"),
+        (DEMAND, 'route="r_main_e"', 'from="in0" to="m6"', "finds none"),
     ],
 )
 def test_what_is_wrong_is_named(own_corridor: Path, name: str, old: str, new: str, expected: str | None):
@@ -152,6 +151,28 @@ def test_what_is_wrong_is_named(own_corridor: Path, name: str, old: str, new: st
     named = {'"nothing.rou.xml"': "nothing.rou.xml", 'edges="in1 on1 m3 m4 m55"': NET}.get(new, name)
     line = refusal(own_corridor, named)
     assert expected is None or expected in line
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new", "level", "part"),
+    [
+        (CONFIG, 'collision.action value="warn"', 'lateral-resolution value="0.8"', Level.APPROXIMATED, "sublane"),
+        (DEMAND, 'carFollowModel="IDM"', 'carFollowModel="EIDM"', Level.APPROXIMATED, "takes IDM"),
+        (DEMAND, 'departSpeed="avg"', 'departSpeed="max"', Level.SUMO_ALONE, "departSpeed 'max'"),
+        (DEMAND, 'begin="0" end="720" period="exp(0.130000)"', 'begin="9" end="720" period="exp(0.13)"',
+         Level.SUMO_ALONE, "2 windows of time"),
+        (DEMAND, "<route id", '<inductionLoop id="loop" file="../harm.xml"/><route id', Level.BESIDE, "inductionLoop"),
+        (DEMAND, "<route id", '<rerouter id="r" edges="m4"/><route id', Level.APPROXIMATED, "rerouter"),
+    ],
+)  # fmt: skip
+def test_what_the_surrogate_cannot_follow_is_said(
+    own_corridor: Path, name: str, old: str, new: str, level: Level, part: str
+):
+    spoil(own_corridor, name, old, new)
+    (finding,) = read(own_corridor).findings
+    assert finding.level is level
+    assert str(finding).startswith(f"{name}: ")
+    assert part in str(finding)
 
 
 def test_a_number_that_is_no_number(own_corridor: Path):

@@ -37,11 +37,11 @@ def write(corridor: Scenario, layout: ParameterLayout, tmp_path: Path) -> Write:
 
 
 def text_of(written: WrittenScenario) -> tuple[str, ...]:
-    return tuple(file.read_text() for file in (written.config, written.demand, written.vtypes))
+    return tuple(file.read_text() for file in (written.config, *written.files))
 
 
 def vtypes(written: WrittenScenario) -> dict[str, ET.Element]:
-    files = (written.demand, written.vtypes)
+    files = written.files
     return {one.get("id", ""): one for file in files for one in ET.parse(file).getroot().iter("vType")}
 
 
@@ -93,7 +93,7 @@ def test_platoons_keep_the_flow_and_bunch_it(write: Write, corridor: Scenario):
     def departures(**strengths: float) -> np.ndarray:
         times = []
         for seed in range(8):
-            root = ET.parse(write(f"p{len(strengths)}-{seed}", seed=seed, **strengths).demand).getroot()
+            root = ET.parse(write(f"p{len(strengths)}-{seed}", seed=seed, **strengths).files[-1]).getroot()
             own = [one for one in root.iter("vehicle") if one.get("id") != "ego"]
             seen = [float(one.get("depart", "")) for one in root.iter("vehicle")]
             assert seen == sorted(seen)

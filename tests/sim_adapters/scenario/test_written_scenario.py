@@ -12,7 +12,7 @@ import pytest
 
 from sim_adapters.interface import ParameterLayout
 from sim_adapters.scenario.scenario import Scenario, read_scenario
-from sim_adapters.scenario.scenario_writer import WrittenScenario, flow_rates_vehps, write_scenario
+from sim_adapters.scenario.scenario_writer import WrittenScenario, flow_factors, write_scenario
 from sim_adapters.world.world_builder import build_template
 
 VALUES = (2750.0, 640.0, 1.3, 2.4, 2.7, 1.07, 0.14, 0.9, 3.5)
@@ -56,7 +56,9 @@ def test_the_same_seed_gives_the_same_bits_wherever_it_is_written(
     write: Callable[..., WrittenScenario], trajectories: Callable[..., list[bytes]], tmp_path: Path
 ):
     here = write("here", name="run")
-    with_net = write("with-net", copy_net=True, comments={"tau": "time gap [s]"}, head="made for a test -- no more")
+    with_net = write(
+        "with-net", is_handed_over=True, comments={"tau": "time gap [s]"}, head="made for a test -- no more"
+    )
     # a folder with its own network can be given away
     moved = Path(shutil.move(with_net.config.parent, tmp_path / "moved")) / with_net.config.name
     one, same, other_seed = trajectories((here.config, 5), (moved, 5), (here.config, 6))
@@ -79,11 +81,11 @@ def test_attributes_flows_and_departure_are_in_the_files(
     write: Callable[..., WrittenScenario], corridor: Scenario, layout: ParameterLayout
 ):
     written = write("out")
-    car, before = element(written.vtypes, "vType", "car"), corridor.demand.vtypes["car"]
+    car, before = element(written.files[-1], "vType", "car"), corridor.demand.vtypes["car"]
     changed = dict(zip(layout.attributes, ("1.3", "2.4", "2.7", "1.07", "0.14", "0.9", "3.5"), strict=True))
     assert dict(car.attrib) == before | changed
-    assert dict(element(written.demand, "vType", "subject").attrib) == corridor.demand.vtypes["subject"]
-    assert float(element(written.demand, "vehicle", "ego").get("depart", "")) == DEPART_S
+    assert dict(element(written.files[-1], "vType", "subject").attrib) == corridor.demand.vtypes["subject"]
+    assert float(element(written.files[-1], "vehicle", "ego").get("depart", "")) == DEPART_S
     # the shares of an input's flows stay: 0.13 to 0.953333 on the main road, 0.017333 to 0.127111 on the ramp
     for flow, rate in {
         "f_main_o1": 2750 / 3600 * 0.13 / 1.083333,
@@ -91,12 +93,12 @@ def test_attributes_flows_and_departure_are_in_the_files(
         "f_on1_o1": 640 / 3600 * 0.017333 / 0.144444,
         "f_on1_e": 640 / 3600 * 0.127111 / 0.144444,
     }.items():
-        period = element(written.demand, "flow", flow).get("period", "")
+        period = element(written.files[-1], "flow", flow).get("period", "")
         assert float(period.removeprefix("exp(").removesuffix(")")) == pytest.approx(rate, rel=1e-12)
 
 
 def test_what_is_written_is_read_back(write: Callable[..., WrittenScenario], layout: ParameterLayout):
-    written = write("again", copy_net=True)
+    written = write("again", is_handed_over=True)
     scenario = read_scenario(written.config, written.config.parent, "ego", 720.0)
     np.testing.assert_allclose(build_template(scenario, layout).base_values(), VALUES, rtol=1e-6)
     assert scenario.demand.subject_depart_s == DEPART_S
@@ -107,7 +109,7 @@ def test_what_is_written_is_read_back(write: Callable[..., WrittenScenario], lay
 def test_the_configuration_holds_no_path_of_another_folder_if_the_network_is_copied(
     write: Callable[..., WrittenScenario],
 ):
-    written = write("given away", copy_net=True)
+    written = write("given away", is_handed_over=True)
     values = [option.get("value", "") for section in ET.parse(written.config).getroot() for option in section]
     assert not any("/" in value for value in values)
 
@@ -129,9 +131,10 @@ def test_every_way_to_write_a_flow(
     demand.write_text(demand.read_text().replace('period="exp(0.127111)"', rate))
     scenario = read_scenario(own_corridor / "scenario/scenario.sumocfg", own_corridor, "ego", 720.0)
     alone = ParameterLayout(("on1",), (("f_on1_e",),), layout.vtypes, ())
-    assert flow_rates_vehps(scenario, alone, [1280.0])["f_on1_e"] == pytest.approx(1280 / 3600)
+    factor = flow_factors(scenario, alone, [1280.0])["f_on1_e"]
+    assert factor * scenario.mean_rate_vehps("f_on1_e") == pytest.approx(1280 / 3600)
     written = write_scenario(scenario, alone, [1280.0], DEPART_S, "ego", tmp_path)
-    text = element(written.demand, "flow", "f_on1_e").get(attribute, "")
+    text = element(written.files[-1], "flow", "f_on1_e").get(attribute, "")
     assert float(text.removeprefix("exp(").removesuffix(")")) == pytest.approx(expected, rel=1e-6)
     assert ("exp(" in text) == ("exp(" in rate)
 
@@ -143,7 +146,7 @@ def test_a_bounded_speed_factor_keeps_its_bounds(own_corridor: Path, layout: Par
     scenario = read_scenario(own_corridor / "scenario/scenario.sumocfg", own_corridor, "ego", 720.0)
     assert scenario.values_of("car")["speedDev"] == pytest.approx(0.1)
     written = write_scenario(scenario, layout, VALUES, DEPART_S, "ego", tmp_path)
-    car = element(written.vtypes, "vType", "car")
+    car = element(written.files[-1], "vType", "car")
     assert car.get("speedFactor") == "normc(1.07,0.14,0.7,1.4)"
     assert car.get("speedDev") is None
 
@@ -160,6 +163,6 @@ def test_flows_that_begin_later_stand_behind_who_departs_before(
     demand.write_text(begin)
     scenario = read_scenario(own_corridor / "scenario/scenario.sumocfg", own_corridor, "ego", 720.0)
     written = write_scenario(scenario, layout, VALUES, (300.0, 340.0, 380.0), "ego", tmp_path)
-    timed = [one for one in ET.parse(written.demand).getroot() if one.tag in ("flow", "vehicle")]
+    timed = [one for one in ET.parse(written.files[-1]).getroot() if one.tag in ("flow", "vehicle")]
     times = [float(one.get("depart") or one.get("begin") or 0.0) for one in timed]
     assert times == sorted(times) == [0.0, 0.0, 300.0, 340.0, 350.0, 350.0, 380.0]

@@ -7,7 +7,6 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from jax import Array
-from jaxcalib.search.least_squares.response_surface import ResponseSurface
 
 from jaxcalib.calibration.objective.evidence import Evidence, independent_evidence
 from jaxcalib.calibration.stages.gradient_refinement import GradientRefinement, refine
@@ -15,6 +14,7 @@ from jaxcalib.calibration.stages.search_box import SearchBox, search_box
 from jaxcalib.initial_values.demand_profile import DemandEstimate
 from jaxcalib.initial_values.driver_values import DriverEstimate
 from jaxcalib.initial_values.initial_point import InitialPoint
+from jaxcalib.search.least_squares.response_surface import ResponseSurface
 from tests.jaxcalib.calibration.toy import SPACE
 
 FITTED = ("tau", "minGap")  # of `main`, `tau`, `minGap`

@@ -1,0 +1,37 @@
+"""What the program says of a scenario before any long work: how well each part of it can be followed."""
+
+from dataclasses import dataclass
+from enum import Enum
+
+
+class Level(Enum):
+    """How a part of a scenario is followed by the surrogate; SUMO itself always runs it as it stands."""
+
+    FOLLOWED = "followed"
+    BESIDE = "taken along"  # moves nobody on the route
+    APPROXIMATED = "approximated"
+    SUMO_ALONE = "left to SUMO alone"
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One part of a scenario.
+
+    Attributes:
+        level: how well it is followed.
+        file: name of the file in which it stands.
+        element: which element or option.
+        words: by what it is approximated and what that may cost, or what to do.
+        count: how many such elements there are.
+    """
+
+    level: Level
+    file: str
+    element: str
+    words: str = ""
+    count: int = 1
+
+    def __str__(self) -> str:
+        """Return it as one line."""
+        times = f" ({self.count} of them)" if self.count > 1 else ""
+        return f"{self.file}: {self.element}{times}: {self.level.value}" + (f"; {self.words}" if self.words else "")

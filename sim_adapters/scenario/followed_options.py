@@ -1,0 +1,71 @@
+"""Which options and vType attributes of SUMO the surrogate follows, and what those cost that it does without."""
+
+from collections.abc import Sequence
+
+from sim_adapters.scenario.configuration import SumoConfiguration
+from sim_adapters.scenario.demand_elements import Departure
+from sim_adapters.scenario.demand_file import Demand, Flow
+from sim_adapters.scenario.finding import Finding, Level
+from sim_adapters.scenario.sumo_names import SUMO_MODELS, nearest_model
+
+WITHOUT = "the surrogate does without; SUMO runs with it"
+# Options that change how vehicles move, and what the surrogate does instead.
+APPROXIMATED = {
+    "lateral-resolution": "sublane model: the surrogate keeps vehicles in lanes",
+    "step-method.ballistic": "ballistic steps: the surrogate takes Euler steps",
+    "default.action-step-length": WITHOUT,
+    "lanechange.overtake-right": WITHOUT,
+    "default.carfollowmodel": WITHOUT,
+    "random-depart-offset": WITHOUT,
+    "device.rerouting.probability": WITHOUT,
+    "device.driverstate.probability": WITHOUT,
+}
+FOLLOWED_DEPARTURE = Departure("best", "last", "avg")
+LANE_CHANGE_MODELS = ("LC2013", "default")
+
+
+def option_findings(configuration: SumoConfiguration) -> list[Finding]:
+    """Findings on the configuration's options."""
+    file = configuration.file.name
+    return [
+        Finding(Level.APPROXIMATED, file, f"option '{option}'", words)
+        for option, words in APPROXIMATED.items()
+        if configuration.is_on(option)
+    ]
+
+
+def vtype_findings(demand: Demand, vtypes: Sequence[str]) -> list[Finding]:
+    """Findings on the vTypes that drive."""
+    findings, file = [], demand.file.name
+    for name in vtypes:
+        attributes = demand.vtypes[name]
+        model, lane_change = attributes.get("carFollowModel"), attributes.get("laneChangeModel", "LC2013")
+        element = f"vType '{name}'"
+        if model is not None and model not in SUMO_MODELS:
+            words = f"carFollowModel {model}: the surrogate takes {nearest_model(model)}"
+            findings.append(Finding(Level.APPROXIMATED, file, element, words))
+        if lane_change not in LANE_CHANGE_MODELS:
+            words = f"laneChangeModel {lane_change}: the surrogate takes LC2013"
+            findings.append(Finding(Level.APPROXIMATED, file, element, words))
+        if "actionStepLength" in attributes:
+            findings.append(Finding(Level.APPROXIMATED, file, element, f"actionStepLength: {WITHOUT}"))
+    return findings
+
+
+def flow_findings(demand: Demand, flows: Sequence[Flow]) -> list[Finding]:
+    """Findings on how background vehicles come."""
+    findings, file = [], demand.file.name
+    others = {flow.id: flow.departure for flow in flows if flow.departure != FOLLOWED_DEPARTURE}
+    if others:
+        name, how = next(iter(others.items()))
+        words = (
+            f"departLane '{how.lane}', departPos '{how.position}', departSpeed '{how.speed}': the surrogate knows "
+            "best, last, avg only"
+        )
+        findings.append(Finding(Level.SUMO_ALONE, file, f"flow '{name}'", words, len(others)))
+    for edge in dict.fromkeys(flow.route[0] for flow in flows):
+        windows = {(flow.begin_s, flow.end_s) for flow in flows if flow.route[0] == edge}
+        if len(windows) > 1:
+            words = f"{len(windows)} windows of time: the surrogate knows one for each entrance"
+            findings.append(Finding(Level.SUMO_ALONE, file, f"flows from edge '{edge}'", words))
+    return findings

@@ -1,0 +1,87 @@
+"""More or fewer vehicles in a file of SUMO's: rates of flows, and single vehicles left out or doubled."""
+
+import math
+import re
+import xml.etree.ElementTree as ET
+from collections.abc import Mapping, Sequence
+from copy import deepcopy
+
+from sim_adapters.scenario.demand_elements import HOURLY
+from sim_adapters.scenario.demand_file import vehicles_id
+from sim_adapters.scenario.times import read_time_s
+
+MOST_PROBABILITY = 1.0  # of a flow's vehicle in a second; SUMO takes no more
+COPY = ".copy"
+
+
+def scale_flow(element: ET.Element, factor: float) -> None:
+    """Multiply a flow's rate, in whichever attribute it stands."""
+    period = (element.get("period") or "").strip()
+    random = re.fullmatch(r"exp\(([^)]*)\)", period)
+    hourly = next((key for key in HOURLY if element.get(key)), None)
+    probability = element.get("probability")
+    if element.get("number") and (random or period or hourly or probability or element.get("poisson")):
+        element.set("number", str(round(float(element.get("number", "0")) * factor)))
+    if random:
+        element.set("period", f"exp({float(random.group(1)) * factor!r})")
+    elif element.get("poisson"):
+        element.set("poisson", repr(float(element.get("poisson", "0")) * factor))
+    elif period:
+        element.set("period", repr(float(period) / max(factor, 1e-9)))
+    elif hourly:
+        element.set(hourly, repr(float(element.get(hourly, "0")) * factor))
+    elif probability:
+        rate = float(probability) * factor
+        if rate > MOST_PROBABILITY:  # one chance per second is not enough; random arrivals have no such bound
+            del element.attrib["probability"]
+            element.set("period", f"exp({rate!r})")
+        else:
+            element.set("probability", repr(rate))
+    elif element.get("number"):
+        element.set("number", str(round(float(element.get("number", "0")) * factor)))
+
+
+def scale_vehicles(
+    elements: Sequence[ET.Element], factors: Mapping[str, float], subject_vehicle: str
+) -> list[ET.Element]:
+    """Elements with single vehicles left out or doubled, evenly over those that enter at one edge.
+
+    Vehicle k is there as often as `floor(f (k + 1) + 1/2) - floor(f k + 1/2)`: a factor of 1 leaves all as they are,
+    and who stays with a factor stays with every larger one that is near it.
+
+    Args:
+        elements: of a file.
+        factors: factor of each flow; single vehicles are the flow `vehicles_id` of their edge.
+        subject_vehicle: id of the vehicle that is none of them.
+    """
+    routes = {one.get("id"): one.get("edges", "").split() for one in elements if one.tag == "route"}
+    count: dict[str, int] = {}
+    scaled = []
+    for element in elements:
+        edge = _first_edge(element, routes) if element.tag in ("vehicle", "trip") else None
+        if edge is None or element.get("id") == subject_vehicle:
+            scaled.append(element)
+            continue
+        factor = factors.get(vehicles_id(edge), 1.0)
+        number = count.get(edge, 0)
+        count[edge] = number + 1
+        copies = math.floor(factor * (number + 1) + 0.5) - math.floor(factor * number + 0.5)
+        for copy in range(copies):
+            scaled.append(_copy_of(element, copy) if copy else element)
+    return scaled
+
+
+def _first_edge(element: ET.Element, routes: Mapping[str | None, Sequence[str]]) -> str | None:
+    inner = element.find("route")
+    edges = inner.get("edges", "").split() if inner is not None else routes.get(element.get("route"), ())
+    return edges[0] if edges else element.get("from")
+
+
+def _copy_of(element: ET.Element, copy: int) -> ET.Element:
+    """A vehicle like another, which departs with it, or as soon after as there is room."""
+    twin = deepcopy(element)
+    twin.set("id", f"{element.get('id', '')}{COPY}{copy}")
+    depart_s = read_time_s(element.get("depart"))
+    if depart_s is not None:
+        twin.set("depart", repr(depart_s))
+    return twin
