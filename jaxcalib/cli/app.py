@@ -22,6 +22,7 @@ def calibrate(
     budget: Annotated[float, Parameter(validator=Number(gte=0.05, lte=100.0))] = 1.0,
     resume: Annotated[bool, Parameter(negative="")] = False,
     settings: Path | None = None,
+    engine: Literal["auto", "surrogate", "sumo"] = "auto",
     quiet: Annotated[bool, Parameter(negative="")] = False,
 ) -> int:
     """Calibrate demand and driver behaviour of a case.
@@ -42,6 +43,8 @@ def calibrate(
         Go on with a calibration that was stopped.
     settings
         TOML file with further options (docs/settings.md).
+    engine
+        Simulator that makes the search's runs: the surrogate where it can follow the scenario (auto), or SUMO alone.
     quiet
         Say nothing but errors.
     """
@@ -52,10 +55,30 @@ def calibrate(
 
     def work() -> str:
         with Silent() if quiet else TerminalProgress() as progress:
-            result = run(case, out, seed=seed, budget=budget, resume=resume, settings=settings, progress=progress)
+            result = run(
+                case, out, seed=seed, budget=budget, resume=resume, settings=settings, engine=engine, progress=progress
+            )
         return "" if quiet else summary(result, out)
 
     return guarded(work, f"go on with: jaxcalib calibrate {case} --out {out} --resume", out)
+
+
+@app.command
+def check(case: Path, /) -> int:
+    """Say how well the surrogate can follow a case's scenario, part by part, before any long work.
+
+    Parts that it cannot follow are left to SUMO alone: calibrate then searches in SUMO.
+
+    Parameters
+    ----------
+    case
+        Folder with case.toml, the SUMO scenario and the logs.
+    """
+    from jaxcalib.cli.check_table import check_table
+    from jaxcalib.cli.guarded import guarded
+    from jaxcalib.problem.scenario_check import check_case
+
+    return guarded(lambda: check_table(check_case(case)), "")
 
 
 @app.command
