@@ -71,7 +71,9 @@ def assertiveness(gaps: AcceptedGaps, model: CarFollowingModel, step_s: float) -
 
     def demanded(follower_mps: np.ndarray, leader_mps: np.ndarray) -> np.ndarray:
         speeds = (jnp.asarray(follower_mps, jnp.float32), jnp.asarray(leader_mps, jnp.float32))
-        return np.asarray(model.secure_gap_m(*speeds, model.max_deceleration_mps2, step_s), float)
+        return np.asarray(
+            model.secure_gap_m(*speeds, jnp.asarray(model.max_deceleration_mps2, jnp.float32), step_s), float
+        )
 
     demanded_m = np.stack(
         [demanded(gaps.speed_mps, gaps.leader_speed_mps), demanded(gaps.follower_speed_mps, gaps.speed_mps)]

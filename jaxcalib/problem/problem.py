@@ -151,8 +151,8 @@ def read_problem(folder: Path | str, *, as_stated: bool = False) -> CalibrationP
             parts.scenario.config_file, case.folder, parts.subject.vehicle, parts.scenario.duration_s, load_in_sumo
         )
         parts = dataclasses.replace(parts, inputs=parts.inputs or found_inputs(scenario))
-        layout = _layout(parts)
         check_models(scenario, parts)
+        layout = _layout(parts)
         check_clock(scenario, parts, case)
         interval_s = frame_interval_s(scenario.configuration.step_s)
         drives = read_drives(case, scenario.row_map)

@@ -1,4 +1,4 @@
-"""What can be said of a case before any simulation: how well the surrogate can follow it, and what is odd in the logs."""
+"""What can be said of a case before any simulation: how well the surrogate can follow it, and what is odd."""
 
 from dataclasses import dataclass
 from pathlib import Path

@@ -84,7 +84,7 @@ def _frames_of(table: DriveTable, log: LogFormat) -> PerceptionFrame:
     num_frames = _filled_up(num_instants, FRAMES_STEP)
     shape = (num_frames, _filled_up(int(number.max(initial=1)), OBJECTS_STEP))
 
-    def objects(values: np.ndarray, dtype: type, empty: float = 0) -> jax.Array:
+    def objects(values: np.ndarray, dtype: type, empty: float | int = 0) -> jax.Array:
         filled = np.full(shape, empty, dtype)
         filled[table.instant, entry] = values
         return jnp.asarray(filled)

@@ -57,7 +57,7 @@ WRONG = {
     "a missing file": (missing(OBJECTS), "d01"),
     "a missing network": (missing("scenario/net.net.xml"), "net.net.xml"),
     "a projection that only SUMO knows": (
-        replaced("scenario/net.net.xml", 'projParameter="[^"]*"', 'projParameter="-"'), "location.projParameter"),
+        replaced("scenario/net.net.xml", 'projParameter="[^"]*"', 'projParameter="-"'), "columns x_m, y_m"),
     "a missing key": (replaced("case.toml", r"step_s *= .*\n", ""), "scenario.step_s"),
     "a missing column": (replaced(SUBJECT, "speed_kmh,", "velocity,"), "speed_kmh"),
     "text in a number column": (replaced(OBJECTS, r"\n(\d+\.\d+),", "\nnoon,"), "d01_objects"),

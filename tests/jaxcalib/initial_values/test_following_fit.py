@@ -2,6 +2,7 @@
 
 import dataclasses
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -65,9 +66,9 @@ def test_moments_that_obey_no_model_are_told_by_the_explained_share(fit: Followi
 
 def test_the_loss_of_the_pairs_is_least_at_the_fit(given: FollowingSamples, fit: FollowingFit) -> None:
     loss = loss_of_pairs(given, np.full(len(given), LIMIT_MPS), idm, fit)
-    least = float(loss(fit.values.astype(np.float32)))
+    least = float(loss(jnp.asarray(fit.values, jnp.float32)))
     assert least == pytest.approx(fit.loss, abs=1e-3)
     for place in range(4):
         for factor in (0.9, 1.1):
             other = fit.values * np.where(np.arange(len(TRUTH)) == place, factor, 1.0)
-            assert float(loss(other.astype(np.float32))) > least
+            assert float(loss(jnp.asarray(other, jnp.float32))) > least

@@ -61,7 +61,7 @@ def test_counting_and_observing_in_sumo(small_problem: CalibrationProblem):
     parts = DriveObserver(problem).parts(observed.observed)
     tally = dict(zip(problem.tally_names, parts.tally, strict=True))
     driven_s = np.nanmax(parts.passing_s) - np.nanmin(parts.passing_s)
-    assert driven_s == pytest.approx(tally["subject_time_s"], rel=0.05)
+    assert 0.0 <= tally["subject_time_s"] - driven_s <= 5.0  # before the first border and behind the last one
     assert parts.histograms["subject_speed_mps"].sum() == tally["subject_frames"]
     assert parts.histograms["background_time_headway_s"].sum() == pytest.approx(
         tally["background_following_frames"], rel=0.01

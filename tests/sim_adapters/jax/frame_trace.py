@@ -49,7 +49,7 @@ class FrameTrace(eqx.Module):
                 jnp.sum(there * frame.object_speed_mps),
                 jnp.sum(there * frame.object_row),
                 jnp.sum(there * frame.object_lateral_m),
-                jnp.min(jnp.where(pair, gap_m, jnp.inf)),
+                jnp.min(jnp.where(pair, gap_m, NOWHERE_M)),
                 jnp.sum(others, dtype=jnp.float32),
                 jnp.sum(jnp.where(others, frame.object_offset_m * (1.0 + frame.object_row), 0.0)),
                 jnp.max(jnp.where(others, frame.object_track, -1)).astype(jnp.float32),

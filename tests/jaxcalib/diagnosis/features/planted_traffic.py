@@ -57,8 +57,20 @@ def table_of(motions: Sequence[Motion]) -> DriveTable:
     ).sorted()
 
 
+def tallies(book: TallyBook, cell: Cell) -> tuple[float, float]:
+    """The two tallies of a feature; one that was never entered is an error."""
+    (key,) = (other for other in book.sums if _describes_alike(other, cell))
+    return book.sums[key]
+
+
 def value(book: TallyBook, cell: Cell) -> float:
     """Return a feature; what was never observed is an error."""
-    above, below = book.sums[cell]
+    above, below = tallies(book, cell)
     assert below > 0.0
     return above / below
+
+
+def _describes_alike(cell: Cell, other: Cell) -> bool:
+    """Whether two cells describe the same, whatever statistics they carry."""
+    names = ("channel", "measure", "regime", "role", "lane", "from_m", "to_m", "from_s", "to_s")
+    return all(getattr(cell, name) == getattr(other, name) for name in names)

@@ -14,6 +14,7 @@ from tests.jaxcalib.diagnosis.features.planted_traffic import (
     Motion,
     steady,
     table_of,
+    tallies,
     value,
 )  # fmt: skip
 from tests.jaxcalib.diagnosis.synthetic import ROAD
@@ -71,7 +72,7 @@ def test_time_gaps_are_bumper_to_bumper_over_the_follower_s_speed() -> None:
     # of the pair, the one ahead has nobody within the range of the sensors, and a gap that nobody knows
     for border, share in ((1.2, 0.0), (1.6, 1.0)):
         cell = Cell(CHANNEL, f"time_gap_share_below_{border:g}_s", "dense")
-        above, below = book.sums[cell]
+        above, below = tallies(book, cell)
         assert above == pytest.approx(share * NUM)
         assert below >= NUM
     assert value(book, Cell(CHANNEL, "time_gap_share_below_2.2_s", "slow")) == 0.0
@@ -102,7 +103,7 @@ def test_gaps_are_those_that_whoever_changes_lane_accepts() -> None:
 def test_lane_shares_are_those_of_vehicles_well_within_range() -> None:
     near = [steady(1, LEFT, 540.0, SLOW_MPS, NUM), steady(2, LEFT, 450.0, SLOW_MPS, NUM)]
     near += [steady(3, RIGHT, 560.0, SLOW_MPS, NUM), steady(SUBJECT, RIGHT, 500.0, SLOW_MPS, NUM)]
-    far = steady(4, RIGHT, 500.0 + ROAD.behind_m - 29.0, SLOW_MPS, NUM)  # the shorter range less 30 m
+    far = steady(4, RIGHT, 500.0 + ROAD.log.behind_m - 29.0, SLOW_MPS, NUM)  # the shorter range less 30 m
     book = counted(*near, far)
     assert value(book, Cell(CHANNEL, "lane_share", lane=1)) == pytest.approx(2 / 3)
     assert value(book, Cell(CHANNEL, "lane_share", lane=2)) == pytest.approx(1 / 3)

@@ -18,6 +18,7 @@ from tests.jaxcalib.diagnosis.features.planted_traffic import (
     Motion,
     steady,
     table_of,
+    tallies,
     value,
 )  # fmt: skip
 from tests.jaxcalib.diagnosis.synthetic import ROAD
@@ -100,7 +101,8 @@ def test_what_happens_at_a_place_shows_there_and_nowhere_else() -> None:
     book = counted(platoon(3, lambda number, place_m: -0.25 * (800.0 <= place_m < 1200.0)))
     for from_m in np.arange(400.0, 1400.0, 200.0):
         found = [
-            book.sums[Cell(CHANNEL, "residual_mps2", name).within(from_m, from_m + 200.0)] for name in ("slow", "fast")
+            tallies(book, Cell(CHANNEL, "residual_mps2", name).within(from_m, from_m + 200.0))
+            for name in ("slow", "fast")
         ]
         above, below = np.sum(found, axis=0)
         expected = -0.25 if 800.0 <= from_m < 1200.0 else 0.0
