@@ -12,6 +12,7 @@ from experiments.paper.methods import NO_CALIBRATION, STATE_OF_THE_ART, settings
 from experiments.paper.trial import TRIAL_FILE, Trial, read_trial, trial_json
 from jaxcalib.calibration.confirmation.final_errors import FinalRuns, final_errors, runs_of_role, start_final_runs
 from jaxcalib.calibration.result.simulation_health import health_of
+from jaxcalib.calibration.scenario_runs import start_scenario_runs
 from jaxcalib.calibration.stages.budget import plan_budget
 from jaxcalib.calibration.stages.evaluator import Evaluator
 from jaxcalib.calibration.value_search import plan_calibration, search_values
@@ -133,11 +134,13 @@ def _two_stages(problem: CalibrationProblem, session: Session, budget: float, se
     session.progress.plan(plan.num_surrogate_runs, plan.num_sumo_runs)
     engine = surrogate_engine(problem)
     with sumo_engine(problem) as pool:
-        searched = search_values(problem, settings, plan, engine, JournaledSumo(pool, session.journal), session)
+        sumo = JournaledSumo(pool, session.journal)
+        waiting = start_scenario_runs(problem, sumo, plan, session, shares_runs=problem.template.can_share_runs)
+        searched = search_values(problem, settings, plan, engine, sumo, session, waiting)
     names = searched.initial.space.names
     return Found(
         values=searched.values,
-        surrogate_runs=searched.surrogate.num_runs,
+        surrogate_runs=searched.evaluator.num_runs,
         sumo_runs=health_of(searched.confirmation.outcomes).runs if searched.confirmation.outcomes else 0,
         calibration_s=sum(session.stopwatch.wall_s.get(part, 0.0) for part in CALIBRATION_PARTS),
         critical=[names[place] for place in searched.found.critical],

@@ -13,6 +13,7 @@ from jaxcalib.calibration.record import CalibrationRecord
 from jaxcalib.calibration.result.outputs import write_outputs
 from jaxcalib.calibration.result.result import CalibrationResult
 from jaxcalib.calibration.result.result_tables import build_result
+from jaxcalib.calibration.scenario_runs import start_scenario_runs
 from jaxcalib.calibration.stages.budget import Budget
 from jaxcalib.calibration.stages.evaluator import Evaluations, Evaluator
 from jaxcalib.calibration.value_search import SearchedValues, plan_calibration, search_values
@@ -82,7 +83,9 @@ def calibrate(
     with open_session(
         out, identify(problem.case, options), seed=seed, progress=progress, resume=resume, began_s=began_s
     ) as session:
-        record = find_and_judge_values(problem, chosen, budget, session, in_sumo=in_sumo)
+        record = find_and_judge_values(
+            problem, chosen, budget, session, in_sumo=in_sumo, may_leave_surrogate=engine == "auto"
+        )
         session.progress.stage("report")
         record.wall_s["total"] = session.elapsed_s
         result = build_result(record)
@@ -103,16 +106,34 @@ def is_searched_in_sumo(problem: CalibrationProblem, engine: SearchEngine) -> bo
 
 
 def find_and_judge_values(
-    problem: CalibrationProblem, settings: Settings, scale: float, session: Session, *, in_sumo: bool = False
+    problem: CalibrationProblem,
+    settings: Settings,
+    scale: float,
+    session: Session,
+    *,
+    in_sumo: bool = False,
+    may_leave_surrogate: bool = False,
 ) -> CalibrationRecord:
-    """Search the values of a problem, and run the result and the scenario as it was in SUMO."""
+    """Search the values of a problem, and run the result and the scenario as it was in SUMO.
+
+    Args:
+        problem: the problem.
+        settings: the user's options.
+        scale: factor on the numbers of runs.
+        session: seeds, journal, progress and time of the command.
+        in_sumo: whether SUMO makes the search's runs.
+        may_leave_surrogate: whether it makes them where the surrogate turns out to drive unlike it.
+    """
     plan = plan_calibration(problem, settings, scale, in_sumo=in_sumo)
     session.stopwatch.add("reading", time.perf_counter() - session.began_s)
     session.progress.plan(plan.num_surrogate_runs, plan.num_sumo_runs)
     engine = None if in_sumo else surrogate_engine(problem)
     with sumo_engine(problem) as sumo_pool:
         sumo = JournaledSumo(sumo_pool, session.journal)
-        searched = search_values(problem, settings, plan, engine, sumo, session)
+        waiting = start_scenario_runs(problem, sumo, plan, session)
+        searched = search_values(
+            problem, settings, plan, engine, sumo, session, waiting, may_leave_surrogate=may_leave_surrogate
+        )
         on_held_out = surrogate_on_held_out(problem, engine, searched, plan, session) if engine else None
         session.progress.stage("final_errors")
         with session.stopwatch.time("final_errors"):
@@ -128,7 +149,7 @@ def find_and_judge_values(
     return CalibrationRecord(
         problem=problem,
         settings=settings,
-        budget=plan,
+        budget=searched.plan,
         seed=session.seed,
         initial=searched.initial,
         found=searched.found,
@@ -140,8 +161,10 @@ def find_and_judge_values(
             "confirmation": session.first_seed + CONFIRMATION_SEED,
             **{f"final_{role}": session.first_seed + one for role, one in FINAL_SEEDS.items()},
         },
-        num_surrogate_runs=0 if in_sumo else searched.surrogate.num_runs,
-        num_sumo_search_runs=searched.surrogate.num_runs if in_sumo else 0,
+        agreements=searched.agreements,
+        notes=searched.warnings,
+        num_surrogate_runs=0 if searched.is_in_sumo else searched.evaluator.num_runs,
+        num_sumo_search_runs=searched.evaluator.num_runs if searched.is_in_sumo else 0,
         surrogate_on_held_out=on_held_out,
         num_sumo_processes=processes,
         wall_s=session.stopwatch.wall_s,

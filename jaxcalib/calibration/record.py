@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, field
 
+from jaxcalib.calibration.confirmation.agreement import Agreement
 from jaxcalib.calibration.confirmation.confirmation import Confirmation
 from jaxcalib.calibration.confirmation.final_errors import FinalRuns
 from jaxcalib.calibration.stages.budget import Budget
@@ -28,6 +29,8 @@ class CalibrationRecord:
         calibrated: SUMO runs of the result, by role of the drives.
         uncalibrated: SUMO runs of the scenario as it was.
         search_seeds: first seed of each kind of run.
+        agreements: surrogate against SUMO, at the scenario's values and at those found.
+        notes: what a user should know of the runs of the scenario as it is.
         num_surrogate_runs: runs of the search in the surrogate; 0 where SUMO made the search's runs.
         num_sumo_search_runs: drives of the search in SUMO, where it made the search's runs.
         surrogate_on_held_out: the surrogate's runs of the result on held-out drives; None where no drive is held out.
@@ -45,6 +48,8 @@ class CalibrationRecord:
     calibrated: dict[Role, FinalRuns]
     uncalibrated: dict[Role, FinalRuns]
     search_seeds: dict[str, int]
+    agreements: tuple[Agreement, ...]
+    notes: tuple[str, ...]
     num_surrogate_runs: int
     surrogate_on_held_out: Evaluations | None
     num_sumo_processes: int

@@ -1,20 +1,28 @@
-"""The search of a calibration as a whole: what the logs say, two stages in the surrogate, finalists in SUMO."""
+"""The search of a calibration as a whole: what the logs say, two stages in the surrogate, finalists in SUMO.
 
+Where the surrogate drives unlike SUMO, SUMO makes the search's runs.
+"""
+
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from jaxcalib.calibration.confirmation.agreement import Agreement, compare_sections
 from jaxcalib.calibration.confirmation.confirmation import Confirmation, confirm
-from jaxcalib.calibration.confirmation.scenario_check import start_scenario_check
-from jaxcalib.calibration.stages.budget import Budget, plan_budget
+from jaxcalib.calibration.confirmation.final_errors import FinalRuns
+from jaxcalib.calibration.confirmation.search_on import Evaluators, search_on_in_sumo
+from jaxcalib.calibration.scenario_runs import scenario_warnings
+from jaxcalib.calibration.stages.budget import Budget, in_sumo_alone, plan_budget
 from jaxcalib.calibration.stages.evaluator import Evaluator
 from jaxcalib.calibration.stages.two_stage import TwoStageResult, search_two_stages
 from jaxcalib.initial_values.initial_point import InitialPoint, find_initial_point, without_driver_logs
+from jaxcalib.problem.parameter_space import round_values
 from jaxcalib.problem.problem import CalibrationProblem
 from jaxcalib.problem.settings import Settings
 from jaxcalib.runs.journal import JournaledSumo, JournaledSurrogate
-from jaxcalib.runs.seeds import CONFIRMATION_SEED, SEARCH_SEED
+from jaxcalib.runs.seeds import CONFIRMATION_SEED, NOISE_OFFSET, SEARCH_SEED
 from jaxcalib.runs.session import Session
 from sim_adapters.jax.simulator import JaxSimulator
 
@@ -30,16 +38,25 @@ class SearchedValues:
     """What initial values, the two stages and the confirmation in SUMO found.
 
     Attributes:
+        plan: numbers of runs, of where the search was made.
         initial: where the search began.
-        found: what the two stages found in the surrogate.
+        found: what the two stages found.
         confirmation: what SUMO made of it; its best point is the result.
-        surrogate: evaluator of the surrogate on the drives to fit.
+        evaluator: of the search on the drives to fit.
+        agreements: surrogate against SUMO, at the scenario's values and at those that the search found; none where the
+            surrogate was not asked.
+        is_in_sumo: whether SUMO made the search's runs.
+        warnings: what the runs of the scenario as it is showed, one line each.
     """
 
+    plan: Budget
     initial: InitialPoint
     found: TwoStageResult
     confirmation: Confirmation
-    surrogate: Evaluator
+    evaluator: Evaluator
+    agreements: tuple[Agreement, ...]
+    is_in_sumo: bool
+    warnings: tuple[str, ...]
 
     @property
     def values(self) -> np.ndarray:
@@ -54,6 +71,9 @@ def search_values(
     engine: JaxSimulator | None,
     sumo: JournaledSumo,
     session: Session,
+    scenario_runs: Callable[[], FinalRuns],
+    *,
+    may_leave_surrogate: bool = False,
 ) -> SearchedValues:
     """Search the parameter values of a problem on the drives to fit, and confirm them in SUMO.
 
@@ -64,29 +84,42 @@ def search_values(
         engine: the surrogate; compiled while the logs are fitted. None where SUMO makes the search's runs, too.
         sumo: SUMO.
         session: seeds, journal, progress and time of the command.
+        scenario_runs: waits for SUMO's runs of the scenario as it is; see `start_scenario_runs`.
+        may_leave_surrogate: whether SUMO makes the search's runs where the surrogate does not drive as it does.
 
     Raises:
         AllRunsFailedError: a simulator failed; where SUMO cannot run the scenario as it is, before the search begins.
     """
-    # a run that the final errors need anyway
-    check = start_scenario_check(problem, session.first_seed, sumo.start)
     with ThreadPoolExecutor(1) as thread:
         compiled = thread.submit(engine.prepare if engine else lambda: None)  # meanwhile the logs are fitted
         session.progress.stage("initial_values")
         with session.stopwatch.time("initial_values"):
-            initial = find_initial_point(problem, settings.scaling_factor, settings.bounds, session.seed)
+            in_scenario = scenario_runs()
+            warnings = scenario_warnings(in_scenario)
+            session.progress.notes(warnings)
+            initial = find_initial_point(
+                problem, settings.scaling_factor, settings.bounds, session.seed, in_scenario.tally
+            )
             if "logs" in settings.without:
                 initial = without_driver_logs(initial)
         compiled.result()
-    check()
-    surrogate = Evaluator(
-        JournaledSurrogate(engine, session.journal) if engine else sumo,
+    in_sumo = Evaluator(
+        sumo,
         problem.departs_s("fit"),
         session.first_seed + SEARCH_SEED,
-        session.progress.surrogate_runs,
-        shares_runs=engine is None and problem.template.can_share_runs,
+        session.progress.sumo_runs,
+        shares_runs=problem.template.can_share_runs,
     )
-    found = search_two_stages(problem, initial, surrogate, settings, plan, session)
+    agreements: list[Agreement] = []
+    evaluator = in_sumo
+    if engine is not None:
+        evaluator = _surrogate_evaluator(problem, engine, session)
+        agreement = _agreement_in_scenario(problem, evaluator, plan, in_scenario, session)
+        agreements += [agreement] if agreement else []
+        if may_leave_surrogate and agreement is not None and not agreement.holds:
+            session.progress.notes([f"{agreement}; so SUMO makes the search's runs."])
+            evaluator, plan = in_sumo, in_sumo_alone(plan, problem, plan.scale)
+    found = search_two_stages(problem, initial, evaluator, settings, plan, session)
     confirming = Evaluator(
         sumo,
         problem.departs_s("fit"),
@@ -95,5 +128,51 @@ def search_values(
         shares_runs=problem.template.can_share_runs,
     )
     with session.stopwatch.time("confirmation"):
-        confirmation = confirm(found, initial, surrogate, confirming, plan, session)
-    return SearchedValues(initial, found, confirmation, surrogate)
+        confirmation = confirm(found, initial, evaluator, confirming, plan, session)
+        if evaluator is not in_sumo:
+            agreement = _agreement_of_result(problem, confirmation)
+            agreements.append(agreement)
+            if may_leave_surrogate and not agreement.holds:
+                session.progress.notes([f"{agreement}; so the search goes on in SUMO."])
+                plan_in_sumo = in_sumo_alone(plan, problem, plan.scale)
+                evaluators = Evaluators(evaluator, in_sumo, confirming)
+                confirmation = search_on_in_sumo(confirmation, found, initial, evaluators, plan_in_sumo, session)
+    return SearchedValues(
+        plan,
+        initial,
+        found,
+        confirmation,
+        evaluator,
+        tuple(agreements),
+        evaluator is in_sumo,
+        tuple(warnings),
+    )
+
+
+def _surrogate_evaluator(problem: CalibrationProblem, engine: JaxSimulator, session: Session) -> Evaluator:
+    return Evaluator(
+        JournaledSurrogate(engine, session.journal),
+        problem.departs_s("fit"),
+        session.first_seed + SEARCH_SEED,
+        session.progress.surrogate_runs,
+    )
+
+
+def _agreement_in_scenario(
+    problem: CalibrationProblem, evaluator: Evaluator, plan: Budget, in_scenario: FinalRuns, session: Session
+) -> Agreement | None:
+    """Compare both simulators at the scenario's values; None where SUMO has no run to compare with."""
+    if not len(in_scenario.tally):
+        return None
+    with session.stopwatch.time("agreement"):
+        values = round_values(problem.template.base_values())
+        runs = evaluator.evaluate(values[None], evaluator.rounds_of(plan.noise_runs // 2), NOISE_OFFSET)
+    where = "at the scenario's values"
+    return compare_sections(problem, np.nan_to_num(runs.pooled[0]), in_scenario.tally, where)
+
+
+def _agreement_of_result(problem: CalibrationProblem, confirmation: Confirmation) -> Agreement:
+    """Compare both simulators at the values that the search found."""
+    winner = confirmation.confirmed[confirmation.winner]
+    in_sumo = confirmation.tallies_of(confirmation.winner)
+    return compare_sections(problem, winner.surrogate, in_sumo, "at the values found")

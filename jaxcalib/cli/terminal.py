@@ -1,6 +1,7 @@
 """Progress and summary for people at a terminal; where there is none, a plain line now and then."""
 
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
 
@@ -79,6 +80,11 @@ class TerminalProgress:
         """Say how good the best candidate is by now."""
         self._best = f"accuracy {accuracy:.3f}"
         self._bar.update(self._task, best=self._best)
+
+    def notes(self, lines: Sequence[str]) -> None:
+        """Say what a user should know before the end."""
+        for line in lines:
+            self._console.print(f"note: {line}", highlight=False, markup=False)
 
     def _advance(self, amount: float) -> None:
         task = self._bar.tasks[0]

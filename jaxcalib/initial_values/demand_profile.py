@@ -8,6 +8,7 @@ inflows keep those that the logs hardly show near where they are (ridge towards 
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 
 from jaxcalib.measures.observed_road import ObservedRoad
 from sim_adapters.scenario.scenario import Scenario
@@ -16,6 +17,9 @@ from sim_adapters.world.world_builder import WorldTemplate
 
 SCENARIO_TRUST = 0.15  # relative standard deviation of the true inflows around the scenario's, beyond a common factor
 COMMON_TRUST = 0.5  # of the common factor
+BENT_SHARE = 0.25  # of a change of the demand that may be off because volumes do not answer in proportion
+LEAST_FACTOR = 0.05  # that inflows keep of the scenario's
+LEAST_VEHPH = 1e-9
 
 
 @dataclass(frozen=True)
@@ -33,40 +37,63 @@ class DemandEstimate:
     scenario_vehph: np.ndarray
 
 
+@dataclass(frozen=True)
+class SectionVolumes:
+    """Volume that drives show along the route.
+
+    Attributes:
+        vehph: on all lanes of each section; nan where nothing was observed.
+        error_vehph: its standard error.
+    """
+
+    vehph: Float[np.ndarray, " section"]
+    error_vehph: Float[np.ndarray, " section"]
+
+
 def estimate_demand(
     scenario: Scenario,
     template: WorldTemplate,
     road: ObservedRoad,
-    section_volume_vehph: np.ndarray,
-    section_error_vehph: np.ndarray,
+    field: SectionVolumes,
+    in_scenario: SectionVolumes | None = None,
 ) -> DemandEstimate:
     """Estimate the inputs from the volume on each section.
+
+    A drive does not see the demand itself: it counts itself, gathers others behind it, looks at its own hours only, and
+    sees of a full entrance what the lanes carry. Where SUMO has driven the same drives through the scenario as it is,
+    whose demand is known, the field is compared with what they saw there, which all of that is in.
 
     Args:
         scenario: for routes and places.
         template: for the inputs and their flows.
         road: the sections.
-        section_volume_vehph: vehicles per hour on all lanes, nan where not observed.
-        section_error_vehph: its standard error.
+        field: volumes that the field's drives show.
+        in_scenario: volumes that simulated drives show in the scenario as it is; what the demand would be without any
+            drive, where None.
     """
-    passing = _passing_shares(scenario, template, road)
     base = template.base_demand_vehph()
-    fixed = _fixed_volume(scenario, template, road)
-    seen = np.isfinite(section_volume_vehph) & np.isfinite(section_error_vehph) & (section_error_vehph > 0)
-    design = passing[seen] * base[None, :] / section_error_vehph[seen, None]
-    target = (section_volume_vehph[seen] - fixed[seen]) / section_error_vehph[seen]
+    passing = _passing_shares(scenario, template, road) * base
+    steady_vehph = passing.sum(axis=1) + _fixed_volume(scenario, template, road)
+    believed = SectionVolumes(steady_vehph, np.zeros(len(steady_vehph))) if in_scenario is None else in_scenario
+    error_vehph = np.hypot(field.error_vehph, believed.error_vehph)
+    seen = np.isfinite(field.vehph - believed.vehph) & np.isfinite(error_vehph) & (error_vehph > 0)
+    # where a drive sees less than the demand, it sees as much less of what is added to it
+    answer = np.minimum(believed.vehph / np.maximum(steady_vehph, LEAST_VEHPH), 1.0)
+    design = passing[seen] * answer[seen, None] / error_vehph[seen, None]
+    target = (field.vehph - believed.vehph)[seen] / error_vehph[seen]
     # unknowns: common factor and each input's own deviation from it
     num_inputs = len(base)
     wide = np.concatenate([design.sum(axis=1, keepdims=True), design], axis=1)
     prior = np.diag([1.0 / COMMON_TRUST**2] + [1.0 / SCENARIO_TRUST**2] * num_inputs)
-    information = wide.T @ wide + prior
-    right = wide.T @ (target - design.sum(axis=1))
-    covariance = np.linalg.inv(information)
-    change = covariance @ right
+    covariance = np.linalg.inv(wide.T @ wide + prior)
     combine = np.concatenate([np.ones((num_inputs, 1)), np.eye(num_inputs)], axis=1)
-    factor = np.maximum(1.0 + combine @ change, 0.05)
+    change = combine @ (covariance @ (wide.T @ target))
     error = np.sqrt(np.diag(combine @ covariance @ combine.T))
-    return DemandEstimate(values_vehph=base * factor, error_vehph=base * error, scenario_vehph=base)
+    if in_scenario is not None:  # volumes answer in proportion near the scenario's demand only
+        error = np.hypot(error, BENT_SHARE * change)
+    return DemandEstimate(
+        values_vehph=base * np.maximum(1.0 + change, 0.05), error_vehph=base * error, scenario_vehph=base
+    )
 
 
 def demand_covariance(scenario_vehph: np.ndarray) -> np.ndarray:

@@ -4,14 +4,17 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
+from jaxtyping import Float
 
-from jaxcalib.initial_values.demand_profile import DemandEstimate, estimate_demand
+from jaxcalib.initial_values.demand_profile import DemandEstimate, SectionVolumes, estimate_demand
 from jaxcalib.initial_values.driver_values import DriverEstimate, estimate_drivers
 from jaxcalib.problem.parameter_space import ParameterSpace, parameter_space, round_values
 from jaxcalib.problem.problem import CalibrationProblem
+from jaxcalib.statistics.jackknife import jackknife
 from sim_adapters.units import SECONDS_PER_HOUR
 
 LEAST_VOLUME_ERROR = 0.03  # relative, of a section's volume: vehicles between two sections are counted in neither
+ERROR_OF_ONE_DRIVE = 0.1  # relative: a single drive says nothing of its own error
 LEAST_INFLOW_ERROR = 0.05  # relative: what all sections share, such as a bottleneck that holds back what wants to come
 
 
@@ -39,7 +42,11 @@ class InitialPoint:
 
 
 def find_initial_point(
-    problem: CalibrationProblem, scaling_factor: float, bounds: Mapping[str, tuple[float, float]], seed: int
+    problem: CalibrationProblem,
+    scaling_factor: float,
+    bounds: Mapping[str, tuple[float, float]],
+    seed: int,
+    in_scenario: Float[np.ndarray, "run tally"] | None = None,
 ) -> InitialPoint:
     """Return the initial point of a problem.
 
@@ -48,12 +55,13 @@ def find_initial_point(
         scaling_factor: delta of Eqs. 5 and 6: how far inputs may leave their initial values.
         bounds: the user's bounds, by name.
         seed: of random starts.
+        in_scenario: tallies of the drives to fit in the scenario as it is; see `estimate_demand`.
 
     Raises:
         CaseError: bounds are wrong.
     """
     scenario_values = round_values(problem.template.base_values())
-    demand = demand_from_logs(problem)
+    demand = demand_from_logs(problem, in_scenario)
     space = parameter_space(problem.layout, problem.model, demand.values_vehph, scaling_factor, bounds)
     num_inputs = problem.layout.num_inputs
     drivers = estimate_drivers(
@@ -96,30 +104,39 @@ def without_driver_logs(initial: InitialPoint) -> InitialPoint:
     )
 
 
-def demand_from_logs(problem: CalibrationProblem) -> DemandEstimate:
-    """Return the inflows that the drives to fit show."""
-    volume, error = section_volumes(problem)
-    return estimate_demand(problem.scenario, problem.template, problem.road, volume, error)
+def demand_from_logs(
+    problem: CalibrationProblem, in_scenario: Float[np.ndarray, "run tally"] | None = None
+) -> DemandEstimate:
+    """Inflows that the drives to fit show.
+
+    Args:
+        problem: the problem.
+        in_scenario: tallies of the same drives in the scenario as it is, whose demand is known; None where there are
+            none.
+    """
+    scenario_volume = None if in_scenario is None or not len(in_scenario) else section_volumes(problem, in_scenario)
+    field_volume = section_volumes(problem, problem.field_of("fit"))
+    return estimate_demand(problem.scenario, problem.template, problem.road, field_volume, scenario_volume)
 
 
-def section_volumes(problem: CalibrationProblem) -> tuple[np.ndarray, np.ndarray]:
-    """Return volume on all lanes of each section, veh/h, and its standard error over drives (jackknife)."""
-    tally, index, road = problem.field_of("fit"), problem.tally_index, problem.road
+def section_volumes(problem: CalibrationProblem, tallies: Float[np.ndarray, "drive tally"]) -> SectionVolumes:
+    """Volume on all lanes of each section that drives show.
+
+    Args:
+        problem: for sections and tallies.
+        tallies: of each drive.
+    """
+    index, road = problem.tally_index, problem.road
     sections = range(road.num_sections)
-    speed = tally[:, [index[f"section_speed[{section}]"] for section in sections]]
-    lane_m = tally[:, [index[f"section_lane_m[{section}]"] for section in sections]]
-    border = np.asarray(road.section_border_m, float)
-    lanes = np.diff(np.asarray(road.lane_m_before(road.section_border_m), float)) / np.diff(border)
+    speed = np.asarray([index[f"section_speed[{section}]"] for section in sections])
+    lane_m = np.asarray([index[f"section_lane_m[{section}]"] for section in sections])
+    border_m = np.asarray(road.section_border_m, float)
+    lanes = np.diff(np.asarray(road.lane_m_before(road.section_border_m), float)) / np.diff(border_m)
 
-    def volume(speed: np.ndarray, lane_m: np.ndarray) -> np.ndarray:
+    def volume(tally: Float[np.ndarray, " tally"]) -> Float[np.ndarray, " section"]:
         with np.errstate(divide="ignore", invalid="ignore"):
-            return np.where(lane_m > 0.0, SECONDS_PER_HOUR * lanes * speed / lane_m, np.nan)
+            return np.where(tally[lane_m] > 0.0, SECONDS_PER_HOUR * lanes * tally[speed] / tally[lane_m], np.nan)
 
-    pooled = volume(speed.sum(axis=0), lane_m.sum(axis=0))
-    num_drives = len(tally)
-    if num_drives > 1:
-        others = volume(speed.sum(axis=0) - speed, lane_m.sum(axis=0) - lane_m)
-        error = np.sqrt((num_drives - 1) / num_drives * np.sum((others - others.mean(axis=0)) ** 2, axis=0))
-    else:
-        error = 0.1 * pooled
-    return pooled, np.hypot(error, LEAST_VOLUME_ERROR * pooled)
+    pooled, error = jackknife(tallies, volume)
+    error = ERROR_OF_ONE_DRIVE * pooled if len(tallies) == 1 else error
+    return SectionVolumes(pooled, np.hypot(error, LEAST_VOLUME_ERROR * pooled))

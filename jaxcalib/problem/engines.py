@@ -107,7 +107,9 @@ def _distant_types(problem: CalibrationProblem, clock: Clock, first_step: int) -
 
 def _clock(problem: CalibrationProblem) -> Clock:
     step_s = problem.parts.scenario.step_s
-    steps_per_decision = max(1, round(DECISION_INTERVAL_S / step_s))
+    steps_per_frame = round(problem.frame_interval_s / step_s)
+    # a whole number of frames, so that both fall on the same steps
+    steps_per_decision = steps_per_frame * max(1, round(DECISION_INTERVAL_S / (steps_per_frame * step_s)))
     return Clock(step_s, steps_per_decision, problem.scenario.configuration.lane_change_duration_s)
 
 

@@ -1,5 +1,6 @@
 """What a calibration says while it works."""
 
+from collections.abc import Sequence
 from typing import Protocol
 
 
@@ -26,6 +27,10 @@ class Progress(Protocol):
         """Say how good the best candidate is by now."""
         ...
 
+    def notes(self, lines: Sequence[str]) -> None:
+        """Say what a user should know before the end."""
+        ...
+
 
 class Silent:
     """Says nothing, of calibrations and of sweeps."""
@@ -50,6 +55,9 @@ class Silent:
         """Do nothing."""
 
     def best(self, accuracy: float) -> None:
+        """Do nothing."""
+
+    def notes(self, lines: Sequence[str]) -> None:
         """Do nothing."""
 
     def begin(self, num_rows: int, num_missing: int) -> None:

@@ -52,8 +52,10 @@ class Confirmation:
         agrees: whether the best in the surrogate, corrected, is the best in SUMO.
         discrepancy: learnt from all finalists.
         objective: the objective, corrected by it.
+        confirmed: what both simulators showed of each finalist.
         polishes: what each corrected search reported.
         outcomes: all drives of the finalists in SUMO.
+        num_drives_each: drives of one finalist in SUMO.
     """
 
     finalists: tuple[Finalist, ...]
@@ -64,6 +66,13 @@ class Confirmation:
     confirmed: tuple[Confirmed, ...]
     polishes: tuple[Optimisation, ...]
     outcomes: tuple[RunOutcome, ...]
+    num_drives_each: int
+
+    def tallies_of(self, place: int) -> Float[np.ndarray, "run tally"]:
+        """Return the tallies of a finalist's successful drives in SUMO."""
+        first = place * self.num_drives_each
+        outcomes = self.outcomes[first : first + self.num_drives_each]
+        return np.asarray([outcome.observed for outcome in outcomes if outcome.status.is_ok], float)
 
     @property
     def best(self) -> Float[np.ndarray, " parameter"]:
@@ -153,6 +162,7 @@ def confirm(
         confirmed=tuple(confirmed),
         polishes=tuple(polishes),
         outcomes=tuple(outcomes),
+        num_drives_each=num_sumo,
     )
 
 

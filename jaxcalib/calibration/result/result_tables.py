@@ -82,7 +82,10 @@ def build_result(record: CalibrationRecord) -> CalibrationResult:
                 for one in record.confirmation.finalists
             ],
             "winner": record.confirmation.winner,
-            "surrogate_agrees": record.confirmation.agrees,
+            "surrogate_agrees": bool(record.agreements) and all(one.holds for one in record.agreements),
+            "surrogate_ranks_alike": record.confirmation.agrees,
+            "agreement": [one.as_table() for one in record.agreements],
+            "searched_in_sumo": record.num_sumo_search_runs > 0,
             "discrepancy_in_noise": record.confirmation.discrepancy.amplitude,
             "noise_floor_accuracy": record.found.objective.noise_floor_accuracy,
             "flow_accuracy_stage1_stage2_polish": list(record.found.stage_1_accuracy),
@@ -96,7 +99,13 @@ def build_result(record: CalibrationRecord) -> CalibrationResult:
         health=_health(record),
         seeds=record.search_seeds,
         timing=_timing(record),
-        warnings=list(problem.warnings()) + _bound_warnings(record) + unfinished_warnings(_health(record)),
+        warnings=[
+            *problem.warnings(),
+            *record.notes,
+            *_agreement_warnings(record),
+            *_bound_warnings(record),
+            *unfinished_warnings(_health(record)),
+        ],
         versions={"jaxcalib": metadata.version("jaxcalib")} | {name: metadata.version(name) for name in LIBRARIES},
     )  # fmt: skip
 
@@ -190,6 +199,10 @@ def _parameter_table(record: CalibrationRecord) -> dict[str, Interval]:
 
 def _is_at_bound(record: CalibrationRecord, place: int) -> bool:
     return bool(min(record.confirmation.best[place], 1.0 - record.confirmation.best[place]) < NEAR_BOUND)
+
+
+def _agreement_warnings(record: CalibrationRecord) -> list[str]:
+    return [str(one) for one in record.agreements if not one.holds]
 
 
 def _bound_warnings(record: CalibrationRecord) -> list[str]:

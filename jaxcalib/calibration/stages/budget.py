@@ -43,6 +43,7 @@ class Budget:
         final_runs: SUMO runs of the result, and of the scenario as it was, on held-out drives.
         final_fit_runs: the same on the drives to fit.
         num_surrogate_runs: about so many in all, for the progress bar.
+        scale: what the numbers were made for.
     """
 
     runs_per_candidate: int
@@ -56,6 +57,7 @@ class Budget:
     final_runs: int
     final_fit_runs: int
     num_surrogate_runs: int
+    scale: float = 1.0
 
     @property
     def num_sumo_runs(self) -> int:
@@ -131,4 +133,5 @@ def _plan_budget(problem: CalibrationProblem, scale: float) -> Budget:
         + 2 * (num_parameters + 6) * in_rounds(fit_departs_s, polish_runs)
         + 8 * in_rounds(fit_departs_s, noise_runs)
         + in_rounds(fit_departs_s, covariance_runs),
+        scale=scale,
     )

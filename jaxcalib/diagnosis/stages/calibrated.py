@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from jaxcalib.calibration.scenario_runs import start_scenario_runs
 from jaxcalib.calibration.value_search import SearchedValues, search_values
 from jaxcalib.diagnosis.stages.session import DiagnosisSession
 from jaxcalib.field.seen_range import seen_perception
@@ -46,5 +47,7 @@ def recalibrate(session: DiagnosisSession) -> Calibrated:
         problem = read_problem(problem.case.folder)
     with sumo_engine(problem) as pool:
         sumo, engine = JournaledSumo(pool, session.journal), surrogate_engine(problem)
-        searched = search_values(problem, Settings(), session.calibration, engine, sumo, session.work)
+        plan, work = session.calibration, session.work
+        waiting = start_scenario_runs(problem, sumo, plan, work, shares_runs=problem.template.can_share_runs)
+        searched = search_values(problem, Settings(), plan, engine, sumo, work, waiting)
     return Calibrated(problem, searched)

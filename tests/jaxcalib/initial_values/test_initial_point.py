@@ -4,7 +4,14 @@ import numpy as np
 import pytest
 
 from experiments.blind_effects.road import BELIEVED_DRIVER
-from jaxcalib.initial_values.demand_profile import COMMON_TRUST, SCENARIO_TRUST, estimate_demand
+from jaxcalib.initial_values.demand_profile import (
+    BENT_SHARE,
+    COMMON_TRUST,
+    SCENARIO_TRUST,
+    DemandEstimate,
+    SectionVolumes,
+    estimate_demand,
+)
 from jaxcalib.initial_values.initial_point import InitialPoint, find_initial_point, without_driver_logs
 from jaxcalib.problem.problem import CalibrationProblem
 from tests.small_case import RAMP, TRUE_INPUTS_VEHPH, TRUTH
@@ -60,11 +67,19 @@ def section_volumes(problem: CalibrationProblem, main_vehph: float, ramp_vehph: 
     return main_vehph + ramp_vehph * passed
 
 
+def estimated(
+    problem: CalibrationProblem,
+    volume: np.ndarray,
+    error: np.ndarray,
+    in_scenario: SectionVolumes | None = None,
+) -> DemandEstimate:
+    field = SectionVolumes(volume, error)
+    return estimate_demand(problem.scenario, problem.template, problem.road, field, in_scenario)
+
+
 def test_inflows_are_found_from_volumes_along_the_route(small_problem: CalibrationProblem) -> None:
     volume = section_volumes(small_problem, 2000.0, 600.0)
-    found = estimate_demand(
-        small_problem.scenario, small_problem.template, small_problem.road, volume, np.full(len(volume), 2.0)
-    )
+    found = estimated(small_problem, volume, np.full(len(volume), 2.0))
     # errors of 2 veh/h outweigh what the scenario says by a hundred
     np.testing.assert_allclose(found.values_vehph, [2000.0, 600.0], rtol=0.005)
     assert (found.error_vehph < 10.0).all()
@@ -72,7 +87,7 @@ def test_inflows_are_found_from_volumes_along_the_route(small_problem: Calibrati
 
 def test_what_is_not_seen_stays_the_scenario_s_with_its_own_error(small_problem: CalibrationProblem) -> None:
     nothing = np.full(small_problem.road.num_sections, np.nan)
-    found = estimate_demand(small_problem.scenario, small_problem.template, small_problem.road, nothing, nothing)
+    found = estimated(small_problem, nothing, nothing)
     np.testing.assert_allclose(found.values_vehph, found.scenario_vehph)
     trust = np.hypot(COMMON_TRUST, SCENARIO_TRUST)
     np.testing.assert_allclose(found.error_vehph, trust * found.scenario_vehph, rtol=1e-9)
@@ -85,7 +100,7 @@ def test_one_section_moves_all_inflows_by_a_common_factor_first(small_problem: C
     first_only = np.where(np.arange(len(volume)) == 0, volume, np.nan)
     error = np.where(np.isfinite(first_only), 1.0, np.nan)
     scenario = small_problem.template.base_demand_vehph()
-    found = estimate_demand(small_problem.scenario, small_problem.template, small_problem.road, first_only, error)
+    found = estimated(small_problem, first_only, error)
     change = found.values_vehph / scenario - 1.0
     assert change[0] == pytest.approx(2000.0 / 2700.0 - 1.0, abs=0.002)
     # regression of one inflow's departure on the other's, of which only the common factor is the same
@@ -93,3 +108,32 @@ def test_one_section_moves_all_inflows_by_a_common_factor_first(small_problem: C
     assert change[1] == pytest.approx(common * change[0], rel=1e-3)
     left = np.sqrt((1.0 - common**2) * (COMMON_TRUST**2 + SCENARIO_TRUST**2))
     assert found.error_vehph[1] == pytest.approx(left * scenario[1], rel=1e-3)
+
+
+def test_what_drives_see_of_a_known_demand_is_no_demand(small_problem: CalibrationProblem) -> None:
+    """A drive counts itself and those it gathers: what it sees too much of one road it sees too much of the other."""
+    error = np.full(small_problem.road.num_sections, 2.0)
+    gathered_vehph = np.linspace(300.0, 900.0, len(error))
+    in_scenario = SectionVolumes(section_volumes(small_problem, 2700.0, 420.0) + gathered_vehph, error)
+    volume = section_volumes(small_problem, 2500.0, 480.0) + gathered_vehph
+    found = estimated(small_problem, volume, error, in_scenario)
+    np.testing.assert_allclose(found.values_vehph, [2500.0, 480.0], rtol=0.005)
+    believed = estimated(small_problem, volume, error)
+    assert (np.abs(believed.values_vehph - [2500.0, 480.0]) > 100.0).any()
+
+
+def test_drives_that_see_a_part_of_the_demand_see_that_part_of_its_change(small_problem: CalibrationProblem) -> None:
+    error = np.full(small_problem.road.num_sections, 2.0)
+    scenario = section_volumes(small_problem, 2700.0, 420.0)
+    in_scenario, volume = SectionVolumes(0.6 * scenario, error), 0.6 * 1.1 * scenario
+    found = estimated(small_problem, volume, error, in_scenario)
+    np.testing.assert_allclose(found.values_vehph, 1.1 * found.scenario_vehph, rtol=0.003)
+    # a drive that need not answer in proportion leaves a share of the change uncertain
+    assert (found.error_vehph > 0.99 * BENT_SHARE * 0.1 * found.scenario_vehph).all()
+
+
+def test_the_scenario_itself_is_found_where_the_field_is_the_scenario(small_problem: CalibrationProblem) -> None:
+    error = np.full(small_problem.road.num_sections, 50.0)
+    volume = 0.7 * section_volumes(small_problem, 2700.0, 420.0) + 250.0
+    found = estimated(small_problem, volume, error, SectionVolumes(volume, error))
+    np.testing.assert_allclose(found.values_vehph, found.scenario_vehph, rtol=1e-9)
