@@ -129,7 +129,6 @@ class CalibrationProblem:
         return (
             *own,
             *self.scenario.warnings,
-            *map(str, self.scenario.findings),
             *(line for drive in self.drives for line in drive.warnings),
         )
 

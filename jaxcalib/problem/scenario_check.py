@@ -9,7 +9,7 @@ from jaxcalib.field.field_log import read_drives
 from jaxcalib.problem.problem import found_inputs
 from jaxcalib.problem.problem_checks import check_clock, check_models, coverage_warnings
 from sim_adapters.errors import ScenarioError
-from sim_adapters.scenario.finding import Finding, Level
+from sim_adapters.scenario.finding import Finding, Level, sorted_findings
 from sim_adapters.scenario.scenario import read_scenario
 from sim_adapters.sumo.loading import load_in_sumo
 
@@ -53,11 +53,10 @@ def check_case(folder: Path | str) -> CaseCheck:
         drives = read_drives(case, scenario.row_map)
     except ScenarioError as error:
         raise CaseError(error.file, "", error.message) from None
-    order = (Level.SUMO_ALONE, Level.APPROXIMATED, Level.BESIDE, Level.FOLLOWED)
     return CaseCheck(
         name=case.name,
         inputs={entrance.id: entrance.flows for entrance in parts.inputs or found_inputs(scenario)},
-        findings=tuple(sorted(scenario.findings, key=lambda finding: order.index(finding.level))),
+        findings=tuple(sorted_findings(scenario.findings)),
         warnings=(
             *scenario.warnings,
             *coverage_warnings(drives, scenario.network.length_m),

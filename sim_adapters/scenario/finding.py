@@ -1,5 +1,6 @@
 """What the program says of a scenario before any long work: how well each part of it can be followed."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import Enum
 
@@ -35,3 +36,9 @@ class Finding:
         """Return it as one line."""
         times = f" ({self.count} of them)" if self.count > 1 else ""
         return f"{self.file}: {self.element}{times}: {self.level.value}" + (f"; {self.words}" if self.words else "")
+
+
+def sorted_findings(findings: Iterable[Finding]) -> list[Finding]:
+    """Findings in the order in which people should read them: what the surrogate cannot follow first."""
+    order = (Level.SUMO_ALONE, Level.APPROXIMATED, Level.BESIDE, Level.FOLLOWED)
+    return sorted(findings, key=lambda finding: order.index(finding.level))

@@ -79,6 +79,8 @@ class CalibrationResult(msgspec.Struct, frozen=True):
             the result on held-out drives.
         seeds: first seeds of each kind of run.
         timing: measured times and the ratio of speeds; not reproducible.
+        scenario: how well the surrogate can follow each part of the scenario: `level`, `file`, `element`, `words`,
+            `count`, as `jaxcalib check` says.
         warnings: what a user should know.
         versions: of the program and its libraries.
     """
@@ -102,6 +104,7 @@ class CalibrationResult(msgspec.Struct, frozen=True):
     health: dict[str, SimulationHealth]
     seeds: dict[str, int]
     timing: dict[str, float]
+    scenario: list[dict[str, Any]]
     warnings: list[str]
     versions: dict[str, str]
     format: int = FORMAT

@@ -1,5 +1,6 @@
 """Turns what a calibration found into its result."""
 
+from dataclasses import asdict
 from importlib import metadata
 from typing import Any
 
@@ -29,6 +30,7 @@ from jaxcalib.measures.measure import MeasureValue
 from jaxcalib.runs.run_folder import LIBRARIES
 from jaxcalib.statistics.normal import HALF_WIDTH_90
 from sim_adapters.interface import RunOutcome
+from sim_adapters.scenario.finding import sorted_findings
 
 NEAR_BOUND = 0.005  # of the unit range
 SEARCH_PARTS = ("stage1", "stage2_exploration", "stage2_optimisation", "corrected_search")
@@ -99,6 +101,7 @@ def build_result(record: CalibrationRecord) -> CalibrationResult:
         health=_health(record),
         seeds=record.search_seeds,
         timing=_timing(record),
+        scenario=[asdict(one) | {"level": one.level.value} for one in sorted_findings(problem.scenario.findings)],
         warnings=[
             *problem.warnings(),
             *record.notes,

@@ -42,7 +42,8 @@ class Budget:
         confirmation_runs: SUMO runs per finalist and round.
         final_runs: SUMO runs of the result, and of the scenario as it was, on held-out drives.
         final_fit_runs: the same on the drives to fit.
-        num_surrogate_runs: about so many in all, for the progress bar.
+        num_search_runs: of the search, about, for the progress bar.
+        is_in_sumo: whether SUMO makes them.
         scale: what the numbers were made for.
     """
 
@@ -56,14 +57,21 @@ class Budget:
     confirmation_runs: int
     final_runs: int
     final_fit_runs: int
-    num_surrogate_runs: int
+    num_search_runs: int = 0
+    is_in_sumo: bool = False
     scale: float = 1.0
 
     @property
+    def num_surrogate_runs(self) -> int:
+        """Runs of the surrogate in all, about."""
+        return 0 if self.is_in_sumo else self.num_search_runs
+
+    @property
     def num_sumo_runs(self) -> int:
-        """SUMO runs in all."""
+        """SUMO runs in all, about."""
+        searching = self.num_search_runs if self.is_in_sumo else 0
         confirming = self.confirmation_rounds * self.confirmation_runs
-        return confirming + 2 * (self.final_runs + self.final_fit_runs)
+        return searching + confirming + 2 * (self.final_runs + self.final_fit_runs)
 
 
 def plan_budget(problem: CalibrationProblem, scale: float = 1.0, *, in_sumo: bool = False) -> Budget:
@@ -87,7 +95,7 @@ def in_sumo_alone(plan: Budget, problem: CalibrationProblem, scale: float) -> Bu
     rounds = max(1, round(scale))
     noise_rounds = max(6, round(SUMO_NOISE_ROUNDS * min(scale, 2.0)))
     num_evaluations = max(2, round(SUMO_GENERATIONS * min(scale, 3.0))) * GENERATION
-    return replace(
+    plan = replace(
         plan,
         runs_per_candidate=rounds * num_fit,
         noise_runs=noise_rounds * num_fit,
@@ -95,8 +103,9 @@ def in_sumo_alone(plan: Budget, problem: CalibrationProblem, scale: float) -> Bu
         polish_runs=rounds * num_fit,
         num_evaluations=num_evaluations,
         confirmation_rounds=1,
-        num_surrogate_runs=(plan.num_surrogate_runs // 10),
+        is_in_sumo=True,
     )
+    return replace(plan, num_search_runs=_num_search_runs(problem, plan))
 
 
 def _plan_budget(problem: CalibrationProblem, scale: float) -> Budget:
@@ -114,10 +123,8 @@ def _plan_budget(problem: CalibrationProblem, scale: float) -> Budget:
     num_seeds = min(FRESH_SEEDS * scale, MOST_FRESH_SEEDS)
     final_runs = num_held_out * max(2, round(num_seeds / max(num_held_out, 1)))
 
-    num_parameters = len(problem.layout.names)
-    cases = small_array(problem.layout.num_inputs).num_cases + smallest_array(len(problem.layout.attributes)).num_cases
     num_evaluations = GENERATION * max(2, round((4 if is_large else 5) * min(scale, 3.0)))
-    return Budget(
+    plan = Budget(
         runs_per_candidate=per_candidate,
         noise_runs=noise_runs,
         covariance_runs=covariance_runs,
@@ -128,10 +135,19 @@ def _plan_budget(problem: CalibrationProblem, scale: float) -> Budget:
         confirmation_runs=num_fit if is_large or scale < QUICK else round(1.5 * num_fit),
         final_runs=final_runs,
         final_fit_runs=num_fit,
-        num_surrogate_runs=(cases + num_evaluations) * in_rounds(fit_departs_s, per_candidate)
-        + 3 * SHORTLISTED * SHORTLIST_RUNS * in_rounds(fit_departs_s, per_candidate)
-        + 2 * (num_parameters + 6) * in_rounds(fit_departs_s, polish_runs)
-        + 8 * in_rounds(fit_departs_s, noise_runs)
-        + in_rounds(fit_departs_s, covariance_runs),
         scale=scale,
+    )
+    return replace(plan, num_search_runs=_num_search_runs(problem, plan))
+
+
+def _num_search_runs(problem: CalibrationProblem, plan: Budget) -> int:
+    """Return the runs that a search makes, about."""
+    departs_s, layout = problem.departs_s("fit"), problem.layout
+    cases = small_array(layout.num_inputs).num_cases + smallest_array(len(layout.attributes)).num_cases
+    per_candidate = in_rounds(departs_s, plan.runs_per_candidate)
+    return (
+        (cases + plan.num_evaluations + 3 * SHORTLISTED * SHORTLIST_RUNS) * per_candidate
+        + 2 * (len(layout.names) + 6) * in_rounds(departs_s, plan.polish_runs)
+        + 8 * in_rounds(departs_s, plan.noise_runs)
+        + in_rounds(departs_s, plan.covariance_runs)
     )
