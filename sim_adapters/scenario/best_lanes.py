@@ -3,7 +3,8 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from sim_adapters.scenario.route_network import LaneKey, RouteNetwork
+from sim_adapters.scenario.route_lane import LaneKey
+from sim_adapters.scenario.route_network import RouteNetwork
 
 LOOK_AHEAD_M = 3000.0  # SUMO looks no further along the route,
 LOOK_AHEAD_EDGES = 9  # and at no more edges (measured with getBestLanes of SUMO 1.28)
@@ -51,9 +52,9 @@ def _outlooks(
     length_m = _length_m(network, edge)
     lanes = network.edge_lanes(edge)
     outlooks = []
-    connected = [index for lane in lanes for index in _into(lane.successors, next_edge)]
+    connected = [index for lane in lanes for index in _into(lane.leads_to, next_edge)]
     for lane in lanes:
-        targets = _into(lane.successors, next_edge)
+        targets = _into(lane.leads_to, next_edge)
         outlook = LaneOutlook(offset=0, length_m=length_m, continues=next_edge is None or bool(targets))
         if following is not None and targets:
             best_connected_m = max(following[index].length_m for index in connected)

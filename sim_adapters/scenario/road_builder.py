@@ -7,7 +7,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from sim_adapters.scenario.best_lanes import best_lanes
-from sim_adapters.scenario.route_network import LaneKey, RouteLane, RouteNetwork
+from sim_adapters.scenario.change_zones import LEFT, ChangeZone
+from sim_adapters.scenario.route_lane import LaneKey, RouteLane
+from sim_adapters.scenario.route_network import RouteNetwork
 from surrogate.road.road import Road
 
 CELL_LENGTH_M = 2.0
@@ -91,7 +93,8 @@ def build_road(row_map: RowMap, routes: Sequence[Sequence[str]]) -> Road:
     """
     network, num_rows = row_map.network, row_map.num_rows
     edges = [*network.main_edges, *network.ramp_edges]
-    breaks = np.unique([network.edge_start_m(edge) for edge in edges])
+    zone_ends_m = [end_m for zone in network.zones for end_m in (zone.begin_m, zone.end_m)]
+    breaks = np.unique([*(network.edge_start_m(edge) for edge in edges), *zone_ends_m])
     num_segments = len(breaks)
     lane_at = _lanes_by_row_and_segment(row_map, breaks)
     main_edge_at = _main_edge_by_segment(network, breaks)
@@ -110,7 +113,10 @@ def build_road(row_map: RowMap, routes: Sequence[Sequence[str]]) -> Road:
         right[row, segment] = _row_beside(row_map, lane_at, segment, (lane.edge, lane.index - 1))
         carriageway[row, segment] = lane.edge in network.main_edges
         elsewhere[row, segment] = lane.edge in network.main_edges and _leads_elsewhere(network, lane)
-    offset, continuation, stop, destination_end = _route_tables(row_map, routes, lane_at, (num_rows, num_segments))
+    for zone in network.zones:
+        row, beside = row_map.row_of_lane[zone.lane], row_map.row_of_lane[zone.beside]
+        (left if zone.side == LEFT else right)[row, _segments_of(zone, row, lane_at, breaks)] = beside
+    offset, continuation, stop, destination_end = _route_tables(row_map, routes, lane_at, breaks)
     ends, track_end = np.unique(np.minimum(continuation, stop).round(3), return_inverse=True)
     return Road(
         cell_origin_m=jnp.asarray(breaks[0], jnp.float32),
@@ -183,7 +189,8 @@ def _leads_elsewhere(network: RouteNetwork, lane: RouteLane) -> bool:
     """Return whether a lane leaves the carriageway; an acceleration lane, which simply ends, does not."""
     here = lane
     while here.successors:
-        here = network.lanes[here.successors[0]]
+        on_main = [successor for successor in here.successors if successor[0] in network.main_edges]
+        here = network.lanes[(on_main or here.successors)[0]]
         if here.edge not in network.main_edges:
             return True
     return False
@@ -193,10 +200,10 @@ def _route_tables(
     row_map: RowMap,
     routes: Sequence[Sequence[str]],
     lane_at: dict[tuple[int, int], RouteLane],
-    shape: tuple[int, int],
+    breaks: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     network = row_map.network
-    num_rows, num_segments = shape
+    num_rows, num_segments = row_map.num_rows, len(breaks)
     offset = np.zeros((len(routes), num_rows, num_segments), int)
     end_m = np.zeros((len(routes), num_rows, num_segments))
     stop_m = np.full((len(routes), num_rows, num_segments), np.inf)
@@ -214,18 +221,45 @@ def _route_tables(
             offset[destination, row, segment] = outlook.offset
             end_m[destination, row, segment] = lane.start_m + outlook.length_m
             stop_m[destination, row, segment] = _stop_m(network, lane, route)
+        for zone in network.zones:
+            if not zone.is_merge and zone.beside[0] not in route:
+                continue
+            row, beside = row_map.row_of_lane[zone.lane], outlooks.get(zone.beside[0])
+            at = _segments_of(zone, row, lane_at, breaks)
+            offset[destination, row, at] = _offset_over(zone.side, beside[zone.beside[1]].offset if beside else 0)
+            end_m[destination, row, at] = stop_m[destination, row, at] = zone.end_m
     return offset, end_m, stop_m, destination_end
+
+
+def _segments_of(
+    zone: ChangeZone, row: int, lane_at: Mapping[tuple[int, int], RouteLane], breaks: np.ndarray
+) -> list[int]:
+    """Return the segments of a zone in the row of the lane that is left there."""
+    within = np.flatnonzero((breaks >= zone.begin_m) & (breaks < zone.end_m))
+    lanes = {segment: lane_at.get((row, int(segment))) for segment in within}
+    return [int(segment) for segment, lane in lanes.items() if lane is not None and lane.key == zone.lane]
+
+
+def _offset_over(side: int, beyond: int) -> int:
+    """Return the changes to the best lane from a lane that must be left to one side, from those that remain there."""
+    offset = side + beyond
+    return offset if offset * side > 0 else side
 
 
 def _via_ramp(network: RouteNetwork, ramp_edge: str, route: Sequence[str]) -> list[str]:
     """Return the route of a vehicle that starts on a ramp and goes on along `route`."""
     edges = [ramp_edge]
     while edges[-1] not in route:
-        successors = network.lanes[(edges[-1], 0)].successors
+        successors = _onward_from(network, edges[-1])
         if not successors:
             return edges  # an off-ramp of another destination
         edges.append(successors[0][0])
     return edges + list(route[list(route).index(edges[-1]) + 1 :])
+
+
+def _onward_from(network: RouteNetwork, edge: str) -> tuple[LaneKey, ...]:
+    """Return where the first lane of an edge that leads anywhere leads to."""
+    return next((lane.leads_to for lane in network.edge_lanes(edge) if lane.leads_to), ())
 
 
 def _stop_m(network: RouteNetwork, lane: RouteLane, route: Sequence[str]) -> float:

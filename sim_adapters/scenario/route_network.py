@@ -9,41 +9,12 @@ from typing import Any
 import sumolib
 
 from sim_adapters.errors import ScenarioError
+from sim_adapters.scenario.change_zones import ChangeZone, join_lanes
 from sim_adapters.scenario.finding import Finding, Level
+from sim_adapters.scenario.route_lane import LaneKey, RouteLane
 
 RIGHT_OF_WAY = ("M", "=")
 LIGHT_STATES = ("G", "g", "o", "O", "y", "Y", "r", "u", "s")
-LaneKey = tuple[str, int]
-
-
-@dataclass(frozen=True)
-class RouteLane:
-    """One lane on the carriageway or on a ramp.
-
-    Attributes:
-        edge: SUMO edge id.
-        index: lane index in the edge, 0 = rightmost.
-        start_m: where the edge begins on the route's axis.
-        end_m: where it ends.
-        speed_limit_mps: legal limit.
-        successors: lanes reached without a lane change.
-        is_acceleration: whether the network marks it as an acceleration lane.
-        is_open: whether all vehicle classes of the scenario may use it.
-    """
-
-    edge: str
-    index: int
-    start_m: float
-    end_m: float
-    speed_limit_mps: float
-    successors: tuple[LaneKey, ...]
-    is_acceleration: bool
-    is_open: bool = True
-
-    @property
-    def key(self) -> LaneKey:
-        """Edge and index."""
-        return (self.edge, self.index)
 
 
 @dataclass(frozen=True)
@@ -59,6 +30,7 @@ class RouteNetwork:
         junction_lanes: internal lanes on the route: id -> (lane before it, where it begins on the axis).
         net: the sumolib network, for projections and shapes.
         findings: what of it the surrogate cannot follow.
+        zones: stretches on which the surrogate's vehicles change between lanes of different edges.
     """
 
     file: Path
@@ -69,6 +41,7 @@ class RouteNetwork:
     junction_lanes: dict[str, tuple[LaneKey, float]]
     net: Any = field(repr=False, compare=False)
     findings: tuple[Finding, ...] = ()
+    zones: tuple[ChangeZone, ...] = ()
 
     def edge_lanes(self, edge: str) -> list[RouteLane]:
         """Return the lanes of an edge from right to left."""
@@ -115,15 +88,17 @@ def read_route_network(
         for lane in net.getEdge(edge).getLanes():
             lanes[(edge, lane.getIndex())] = _route_lane(file, lane, (start_m, end_m), place, vclasses, used, findings)
     ramps = tuple(edge for edge in place if edge not in main_edges)
+    joints = join_lanes(file.name, lanes, tuple(main_edges), net)
     return RouteNetwork(
         file=file,
         main_edges=tuple(main_edges),
-        lanes=lanes,
+        lanes=joints.lanes,
         lane_count=lane_count,
         ramp_edges=ramps,
         junction_lanes=_junction_lanes(net, lanes),
         net=net,
-        findings=tuple(_counted(findings + _merging_lanes(file, lanes))),
+        findings=tuple(_counted([*findings, *joints.findings])),
+        zones=joints.zones,
     )
 
 
@@ -260,21 +235,6 @@ def _right_of_way(file: Path, connection: Any, edge: str, following: str) -> Fin
         else ("gives way: in the surrogate vehicles change into the lane that they meet")
     )
     return Finding(Level.APPROXIMATED, file.name, name, words)
-
-
-def _merging_lanes(file: Path, lanes: dict[LaneKey, RouteLane]) -> list[Finding]:
-    """Lanes that lead into one lane; a lane of its own for each is what the surrogate knows."""
-    came_from: dict[LaneKey, LaneKey] = {}
-    findings = []
-    for lane in lanes.values():
-        for successor in lane.successors:
-            if successor in came_from:
-                first = "_".join(map(str, came_from[successor]))
-                name = f"lanes '{first}' and '{lane.edge}_{lane.index}'"
-                words = f"both lead into '{successor[0]}_{successor[1]}'; the surrogate knows no merging within a lane"
-                findings.append(Finding(Level.SUMO_ALONE, file.name, name, words))
-            came_from.setdefault(successor, lane.key)
-    return findings
 
 
 def _junction_lanes(net: Any, lanes: dict[LaneKey, RouteLane]) -> dict[str, tuple[LaneKey, float]]:
