@@ -17,6 +17,9 @@ TRACK_MARGIN_M = 60.0  # free space between two tracks in one row, so that nobod
 NOWHERE_M = 1e9
 # SUMO 1.28, as seen on `corridor`: with more than one change to make, a vehicle stands so far from the end of its lane
 ROOM_FOR_ONE_MORE_CHANGE_M = 20.0
+# SUMO's vehicles stand on the last millimetre of their lane (436.079 of 436.080 m); beyond the border of a segment they
+# would be on what lies behind it, with nobody beside to change to
+ON_THIS_SIDE_M = 0.02
 
 
 @dataclass(frozen=True)
@@ -133,7 +136,9 @@ def build_road(row_map: RowMap, routes: Sequence[Sequence[str]]) -> Road:
         continuation_end_m=jnp.asarray(continuation, jnp.float32),
         end_position_m=jnp.asarray(ends, jnp.float32),
         track_end=jnp.asarray(track_end.reshape(stop.shape), jnp.int32),
-        stop_position_m=jnp.asarray(stop - ROOM_FOR_ONE_MORE_CHANGE_M * (np.abs(offset) > 1), jnp.float32),
+        stop_position_m=jnp.asarray(
+            stop - ON_THIS_SIDE_M - ROOM_FOR_ONE_MORE_CHANGE_M * (np.abs(offset) > 1), jnp.float32
+        ),
         destination_end_m=jnp.asarray(destination_end, jnp.float32),
         is_carriageway=jnp.asarray(carriageway),
         leads_elsewhere=jnp.asarray(elsewhere),
