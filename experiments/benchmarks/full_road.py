@@ -32,27 +32,16 @@ MORE_ROOM = 64
 
 @dataclass(frozen=True)
 class Cost:
-    """What one road costs on one core.
+    """What one road costs on one core."""
 
-    Attributes:
-        vehicles: vehicles on a road at the beginning.
-        sets: roads in one batch.
-        vehicle_steps: of one call.
-        wall_s: of one call, the least of all.
-        cpu_s: processor time of one call, the least of all.
-        compile_s: to trace and compile.
-        bytes_per_vehicle_and_set: memory over vehicles and sets.
-        num_collisions: vehicle steps with overlap, of one call.
-    """
-
-    vehicles: int
-    sets: int
-    vehicle_steps: int
-    wall_s: float
-    cpu_s: float
-    compile_s: float
-    bytes_per_vehicle_and_set: float
-    num_collisions: int
+    vehicles: int  # vehicles on a road at the beginning
+    sets: int  # roads in one batch
+    vehicle_steps: int  # of one call
+    wall_s: float  # of one call, the least of all
+    cpu_s: float  # processor time of one call, the least of all
+    compile_s: float  # to trace and compile
+    bytes_per_vehicle_and_set: float  # memory over vehicles and sets
+    num_collisions: int  # vehicle steps with overlap, of one call
 
 
 def measure_road(

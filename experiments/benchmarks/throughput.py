@@ -34,15 +34,10 @@ app = App(name="experiments.benchmarks.throughput", help="Vehicle-steps per seco
 
 @dataclass(frozen=True)
 class Round:
-    """One call of a simulator.
+    """One call of a simulator."""
 
-    Attributes:
-        vehicle_steps: of all its runs.
-        wall_s: computing time.
-    """
-
-    vehicle_steps: int
-    wall_s: float
+    vehicle_steps: int  # of all its runs
+    wall_s: float  # computing time
 
     @property
     def rate(self) -> float:

@@ -15,19 +15,12 @@ NAMING = ("effect", "class")
 
 @dataclass(frozen=True)
 class Answered:
-    """A case with its label and what was answered.
+    """A case with its label and what was answered."""
 
-    Attributes:
-        folder: of the case.
-        label: the truth.
-        answer: diagnosis.json.
-        twin: diagnosis.json of the twin with more held-out drives, if there is one.
-    """
-
-    folder: Path
-    label: Label
-    answer: dict[str, Any]
-    twin: dict[str, Any] | None = None
+    folder: Path  # of the case
+    label: Label  # the truth
+    answer: dict[str, Any]  # diagnosis.json
+    twin: dict[str, Any] | None = None  # diagnosis.json of the twin with more held-out drives, if there is one
 
     @property
     def kind(self) -> str:

@@ -19,18 +19,13 @@ SEEN_M = 150.0
 
 @dataclass(frozen=True)
 class Recording:
-    """What happened around the subject vehicle, exactly.
+    """What happened around the subject vehicle, exactly."""
 
-    Attributes:
-        ego: time_s, position_m (along the route), x_m, y_m, lane, edge, from_left, lateral_m, speed_mps,
-            acceleration_mps2, lateral_mps.
-        others: the same but x_m and y_m, and `vehicle`; those on the route's lanes only.
-        stood_s: when a standing vehicle came to stand, if one did.
-    """
-
+    # time_s, position_m (along the route), x_m, y_m, lane, edge, from_left, lateral_m, speed_mps,
+    # acceleration_mps2, lateral_mps
     ego: pd.DataFrame
-    others: pd.DataFrame
-    stood_s: float | None
+    others: pd.DataFrame  # the same but x_m and y_m, and `vehicle`; those on the route's lanes only
+    stood_s: float | None  # when a standing vehicle came to stand, if one did
 
 
 def record_drive(spec: FieldSpec, road: Road, seed: int, depart_s: float) -> Recording:

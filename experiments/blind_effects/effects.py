@@ -28,19 +28,12 @@ RUBBERNECK_LOSS = 0.35
 
 @dataclass(frozen=True)
 class FieldEffect:
-    """An effect.
+    """An effect."""
 
-    Attributes:
-        name: of the effect library, or of its own.
-        strengths: least and most of weak, medium and strong.
-        inject: puts it into a field and returns its place, time and whatever else is true.
-        is_outside: no effect of the library.
-    """
-
-    name: str
-    strengths: dict[str, tuple[float, float]]
-    inject: Inject
-    is_outside: bool = False
+    name: str  # of the effect library, or of its own
+    strengths: dict[str, tuple[float, float]]  # least and most of weak, medium and strong
+    inject: Inject  # puts it into a field and returns its place, time and whatever else is true
+    is_outside: bool = False  # no effect of the library
 
 
 def _levels(weak: tuple, medium: tuple, strong: tuple) -> dict[str, tuple[float, float]]:

@@ -10,22 +10,15 @@ Measures = dict[str, float]
 
 
 class ManipulationCheck(TypedDict):
-    """What an injection changed.
+    """What an injection changed."""
 
-    Attributes:
-        drives_changed: share of the drives whose log differs from that of the same seed without the effect; SUMO
-            repeats a run of the same seed exactly, so nothing but the injection makes a difference.
-        most_changed: the plain statistic that changed most, beyond what seeds do.
-        standard_deviations: by how many standard deviations among seeds it changed.
-        p_adjusted: probability of such a change among all statistics by chance (Benjamini-Hochberg).
-        beyond_seeds: whether that probability is below 0.05.
-    """
-
+    # share of the drives whose log differs from that of the same seed without the effect; SUMO repeats a run of
+    # the same seed exactly, so nothing but the injection makes a difference
     drives_changed: float
-    most_changed: str
-    standard_deviations: float
-    p_adjusted: float
-    beyond_seeds: bool
+    most_changed: str  # the plain statistic that changed most, beyond what seeds do
+    standard_deviations: float  # by how many standard deviations among seeds it changed
+    p_adjusted: float  # probability of such a change among all statistics by chance (Benjamini-Hochberg)
+    beyond_seeds: bool  # whether that probability is below 0.05
 
 
 def manipulation_check(

@@ -22,23 +22,14 @@ LEAST_FAR = 0.5  # of the half-width: what is called far is far in every value
 
 @dataclass(frozen=True)
 class CasePlan:
-    """A case to make.
+    """A case to make."""
 
-    Attributes:
-        name: at random, tells nothing.
-        road: name of the road.
-        kind: single, pair, null, null_far, out_of_library or other_model.
-        effects: names and levels.
-        model: car-following model of the field.
-        seed: of everything random in it.
-    """
-
-    name: str
-    road: str
-    kind: str
-    effects: tuple[tuple[str, str], ...]
-    model: str
-    seed: int
+    name: str  # at random, tells nothing
+    road: str  # name of the road
+    kind: str  # single, pair, null, null_far, out_of_library or other_model
+    effects: tuple[tuple[str, str], ...]  # names and levels
+    model: str  # car-following model of the field
+    seed: int  # of everything random in it
 
 
 def plan_cases(size: Size, roads: tuple[str, ...], seed: int) -> list[CasePlan]:
@@ -90,17 +81,11 @@ def plan_cases(size: Size, roads: tuple[str, ...], seed: int) -> list[CasePlan]:
 
 @dataclass(frozen=True)
 class DrawnField:
-    """A field, and the same without its effects.
-
-    Attributes:
-        spec: the field.
-        without: the same without its effects.
-        label: what is true of it.
-    """
+    """A field, and the same without its effects."""
 
     spec: FieldSpec
-    without: FieldSpec
-    label: Label
+    without: FieldSpec  # the same without its effects
+    label: Label  # what is true of it
 
 
 def draw_field(plan: CasePlan) -> DrawnField:

@@ -11,19 +11,12 @@ NUM_RESAMPLES = 10_000
 
 @dataclass(frozen=True)
 class Rate:
-    """A share of cases.
+    """A share of cases."""
 
-    Attributes:
-        hits: cases that count.
-        of: all cases.
-        low: lower end of Wilson's 95 % interval; NaN where there are no cases.
-        high: upper end.
-    """
-
-    hits: int
-    of: int
-    low: float
-    high: float
+    hits: int  # cases that count
+    of: int  # all cases
+    low: float  # lower end of Wilson's 95 % interval; NaN where there are no cases
+    high: float  # upper end
 
     @property
     def value(self) -> float:

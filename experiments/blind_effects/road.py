@@ -23,65 +23,38 @@ SUBJECT = {
 
 @dataclass(frozen=True)
 class Flow:
-    """Vehicles with one route.
+    """Vehicles with one route."""
 
-    Attributes:
-        id: in demand.rou.xml.
-        entrance: the input that it belongs to.
-        share: of that input.
-        edges: route.
-    """
-
-    id: str
-    entrance: str
-    share: float
-    edges: tuple[str, ...]
+    id: str  # in demand.rou.xml
+    entrance: str  # the input that it belongs to
+    share: float  # of that input
+    edges: tuple[str, ...]  # route
 
 
 @dataclass(frozen=True)
 class LanePlace:
-    """Where a lane lies on the subject vehicle's route.
+    """Where a lane lies on the subject vehicle's route."""
 
-    Attributes:
-        begin_m: distance of its begin from the route's begin.
-        from_left: 0 = leftmost.
-        number: 1 = rightmost.
-        edge: edge, or the one before it inside a junction.
-    """
-
-    begin_m: float
-    from_left: int
-    number: int
-    edge: str
+    begin_m: float  # distance of its begin from the route's begin
+    from_left: int  # 0 = leftmost
+    number: int  # 1 = rightmost
+    edge: str  # edge, or the one before it inside a junction
 
 
 @dataclass(frozen=True)
 class Road:
-    """A road.
+    """A road."""
 
-    Attributes:
-        name: of the road.
-        net_file: SUMO network.
-        ego_edges: route of the subject vehicle; the first one is the entry.
-        flows: background traffic.
-        inputs_vehph: inflows of the scenario.
-        local_edges: edges on which an effect may have its place.
-        edges_before_ramp: those of them upstream of the on-ramp.
-        warmup_s: before the first drive.
-        duration_s: of a run.
-        lane_width_m: the same everywhere.
-    """
-
-    name: str
-    net_file: Path
-    ego_edges: tuple[str, ...]
-    flows: tuple[Flow, ...]
-    inputs_vehph: dict[str, float]
-    local_edges: tuple[str, ...]
-    edges_before_ramp: tuple[str, ...]
-    warmup_s: float = 300.0
-    duration_s: float = 720.0
-    lane_width_m: float = 3.75
+    name: str  # of the road
+    net_file: Path  # SUMO network
+    ego_edges: tuple[str, ...]  # route of the subject vehicle; the first one is the entry
+    flows: tuple[Flow, ...]  # background traffic
+    inputs_vehph: dict[str, float]  # inflows of the scenario
+    local_edges: tuple[str, ...]  # edges on which an effect may have its place
+    edges_before_ramp: tuple[str, ...]  # those of them upstream of the on-ramp
+    warmup_s: float = 300.0  # before the first drive
+    duration_s: float = 720.0  # of a run
+    lane_width_m: float = 3.75  # the same everywhere
 
     @cached_property
     def net(self) -> sumolib.net.Net:

@@ -14,29 +14,18 @@ from experiments.blind_effects.rates import Rate
 
 @dataclass(frozen=True)
 class Line:
-    """A line of the table.
+    """A line of the table."""
 
-    Attributes:
-        title: what is measured.
-        value: a share or a number; None where there is nothing to measure.
-        of: cases that it rests on.
-        interval: Wilson's 95 % interval of a share.
-        least: what is expected; at most, if `is_most`.
-        aim: what would be good.
-        is_most: smaller is better.
-        is_met: whether what is expected is reached; None where nothing is, or where there is nothing to measure.
-        note: what to know.
-    """
-
-    title: str
-    value: float | None
-    of: int = 0
-    interval: tuple[float, float] | None = None
-    least: float | None = None
-    aim: float | None = None
-    is_most: bool = False
+    title: str  # what is measured
+    value: float | None  # a share or a number; None where there is nothing to measure
+    of: int = 0  # cases that it rests on
+    interval: tuple[float, float] | None = None  # Wilson's 95 % interval of a share
+    least: float | None = None  # what is expected; at most, if `is_most`
+    aim: float | None = None  # what would be good
+    is_most: bool = False  # smaller is better
+    # whether what is expected is reached; None where nothing is, or where there is nothing to measure
     is_met: bool | None = None
-    note: str = ""
+    note: str = ""  # what to know
 
     @classmethod
     def judged(

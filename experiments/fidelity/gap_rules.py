@@ -36,23 +36,14 @@ Accepts = Callable[[VehicleClass, Ego, Side, Following], Bool[Array, " decision"
 
 @dataclass(frozen=True)
 class GapRule:
-    """One rule.
+    """One rule."""
 
-    Attributes:
-        name: model, and the car-following model whose gaps or accelerations it asks for.
-        drivers: parameters as the model's source states them.
-        parameter: what is varied.
-        place: where it is in `drivers`.
-        levels: its values, from the strictest to the least strict.
-        accepts: whether drivers go.
-    """
-
-    name: str
-    drivers: VehicleClass
-    parameter: str
-    place: Callable[[Any], Any]
-    levels: Float[np.ndarray, " level"]
-    accepts: Accepts
+    name: str  # model, and the car-following model whose gaps or accelerations it asks for
+    drivers: VehicleClass  # parameters as the model's source states them
+    parameter: str  # what is varied
+    place: Callable[[Any], Any]  # where it is in `drivers`
+    levels: Float[np.ndarray, " level"]  # its values, from the strictest to the least strict
+    accepts: Accepts  # whether drivers go
 
     def stated(self, decisions: RecordedDecisions) -> Bool[np.ndarray, " decision"]:
         """Return whether each driver goes by the rule as it stands."""

@@ -37,25 +37,15 @@ app = App(name="experiments.fidelity.gradients", help="Derivatives of closed-loo
 
 @dataclass(frozen=True)
 class Agreement:
-    """One measure and one parameter; slopes are relative: per cent of the measure per per cent of the parameter.
+    """One measure and one parameter; slopes are relative: per cent of the measure per per cent of the parameter."""
 
-    Attributes:
-        measure: its name.
-        parameter: its name.
-        slope: by central differences of all drives together.
-        slope_error: its standard error, jackknife over drives.
-        pathwise: derivative by forward mode of the same drives.
-        cosine: of both, drive by drive; nan where one is 0 throughout.
-        sign_agrees: share of the drives with a slope in which both have one sign.
-    """
-
-    measure: str
-    parameter: str
-    slope: float
-    slope_error: float
-    pathwise: float
-    cosine: float
-    sign_agrees: float
+    measure: str  # its name
+    parameter: str  # its name
+    slope: float  # by central differences of all drives together
+    slope_error: float  # its standard error, jackknife over drives
+    pathwise: float  # derivative by forward mode of the same drives
+    cosine: float  # of both, drive by drive; nan where one is 0 throughout
+    sign_agrees: float  # share of the drives with a slope in which both have one sign
 
     @property
     def counts(self) -> bool:

@@ -33,19 +33,12 @@ NET = f"""<net version="1.20">
 
 @dataclass(frozen=True)
 class Platoon:
-    """Vehicles in one lane.
+    """Vehicles in one lane."""
 
-    Attributes:
-        leader_mps: the leader's speed at the beginning of each step.
-        gap_m: gap of each follower at the beginning, the first one's first.
-        speed_mps: its speed then.
-        desired_mps: its desired speed.
-    """
-
-    leader_mps: Float[np.ndarray, " step"]
-    gap_m: Float[np.ndarray, " follower"]
-    speed_mps: Float[np.ndarray, " follower"]
-    desired_mps: Float[np.ndarray, " follower"]
+    leader_mps: Float[np.ndarray, " step"]  # the leader's speed at the beginning of each step
+    gap_m: Float[np.ndarray, " follower"]  # gap of each follower at the beginning, the first one's first
+    speed_mps: Float[np.ndarray, " follower"]  # its speed then
+    desired_mps: Float[np.ndarray, " follower"]  # its desired speed
 
     @property
     def start_m(self) -> Float[np.ndarray, " vehicle"]:
@@ -114,15 +107,10 @@ def in_sumo(platoon: Platoon, model: str, attributes: Mapping[str, float]) -> Fl
 
 @dataclass(frozen=True)
 class Difference:
-    """Largest difference between the positions of any follower in both simulators at any step.
+    """Largest difference between the positions of any follower in both simulators at any step."""
 
-    Attributes:
-        double_m: with the surrogate in double precision, as SUMO: what its equations are worth.
-        single_m: in single precision, in which it runs; a model with thresholds may cross one a step earlier.
-    """
-
-    double_m: float
-    single_m: float
+    double_m: float  # with the surrogate in double precision, as SUMO: what its equations are worth
+    single_m: float  # in single precision, in which it runs; a model with thresholds may cross one a step earlier
 
 
 def largest_difference(platoon: Platoon, model: str, attributes: Mapping[str, float]) -> Difference:

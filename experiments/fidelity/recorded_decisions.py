@@ -23,28 +23,17 @@ class RecordedDecisions:
     """Drivers who are about to change lane, and whether they went in front of the next vehicle there or let it pass.
 
     Distances are between front bumpers; nan where nobody is.
-
-    Attributes:
-        site: freeway.
-        is_accepted: whether the driver took the gap in front of the follower.
-        speed_mps: his speed.
-        follower_mps: speed of the next vehicle behind on the target lane.
-        leader_mps: speed of the next vehicle ahead there.
-        own_leader_mps: speed of the next vehicle ahead on the own lane.
-        follower_m: how far the follower is behind, < 0 if he is ahead.
-        leader_m: how far the leader is ahead, < 0 if he is behind.
-        own_leader_m: the same on the own lane.
     """
 
-    site: np.ndarray
-    is_accepted: Bool[np.ndarray, " decision"]
-    speed_mps: Float[np.ndarray, " decision"]
-    follower_mps: Float[np.ndarray, " decision"]
-    leader_mps: Float[np.ndarray, " decision"]
-    own_leader_mps: Float[np.ndarray, " decision"]
-    follower_m: Float[np.ndarray, " decision"]
-    leader_m: Float[np.ndarray, " decision"]
-    own_leader_m: Float[np.ndarray, " decision"]
+    site: np.ndarray  # freeway
+    is_accepted: Bool[np.ndarray, " decision"]  # whether the driver took the gap in front of the follower
+    speed_mps: Float[np.ndarray, " decision"]  # his speed
+    follower_mps: Float[np.ndarray, " decision"]  # speed of the next vehicle behind on the target lane
+    leader_mps: Float[np.ndarray, " decision"]  # speed of the next vehicle ahead there
+    own_leader_mps: Float[np.ndarray, " decision"]  # speed of the next vehicle ahead on the own lane
+    follower_m: Float[np.ndarray, " decision"]  # how far the follower is behind, < 0 if he is ahead
+    leader_m: Float[np.ndarray, " decision"]  # how far the leader is ahead, < 0 if he is behind
+    own_leader_m: Float[np.ndarray, " decision"]  # the same on the own lane
 
 
 def read_decisions(data: Path) -> RecordedDecisions:

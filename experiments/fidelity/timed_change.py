@@ -50,19 +50,12 @@ NET = f"""<net version="1.20">
 
 @dataclass(frozen=True)
 class Change:
-    """What happened, after each step.
+    """What happened, after each step."""
 
-    Attributes:
-        position_m: front bumpers.
-        speed_mps: speeds.
-        acceleration_mps2: accelerations.
-        lane: lanes, counted from the right.
-    """
-
-    position_m: Float[np.ndarray, "step vehicle"]
-    speed_mps: Float[np.ndarray, "step vehicle"]
-    acceleration_mps2: Float[np.ndarray, "step vehicle"]
-    lane: Int[np.ndarray, "step vehicle"]
+    position_m: Float[np.ndarray, "step vehicle"]  # front bumpers
+    speed_mps: Float[np.ndarray, "step vehicle"]  # speeds
+    acceleration_mps2: Float[np.ndarray, "step vehicle"]  # accelerations
+    lane: Int[np.ndarray, "step vehicle"]  # lanes, counted from the right
 
 
 def timed_change_table(durations_s: tuple[float, ...] = (0.0, 1.0, 2.0, 3.0, 4.0)) -> list[dict[str, Any]]:

@@ -39,38 +39,23 @@ LEVELS: dict[str, tuple[float, float]] = {
 
 @dataclass(frozen=True)
 class MeasureTransfer:
-    """One measure in both simulators.
+    """One measure in both simulators."""
 
-    Attributes:
-        measure: its name.
-        spread_in_noise: standard deviation over cases in SUMO, in standard errors of a case.
-        rank_correlation: Spearman's, over cases.
-        bias: median of surrogate / SUMO - 1.
-    """
-
-    measure: str
-    spread_in_noise: float
-    rank_correlation: float
-    bias: float
+    measure: str  # its name
+    spread_in_noise: float  # standard deviation over cases in SUMO, in standard errors of a case
+    rank_correlation: float  # Spearman's, over cases
+    bias: float  # median of surrogate / SUMO - 1
 
 
 @dataclass(frozen=True)
 class EffectTransfer:
-    """The main effect of one parameter on one measure, from lowest to highest level.
+    """The main effect of one parameter on one measure, from lowest to highest level."""
 
-    Attributes:
-        parameter: its name.
-        measure: name of the measure.
-        sumo: effect in SUMO.
-        sumo_error: its standard error.
-        surrogate: effect in the surrogate.
-    """
-
-    parameter: str
-    measure: str
-    sumo: float
-    sumo_error: float
-    surrogate: float
+    parameter: str  # its name
+    measure: str  # name of the measure
+    sumo: float  # effect in SUMO
+    sumo_error: float  # its standard error
+    surrogate: float  # effect in the surrogate
 
     @property
     def counts(self) -> bool:
@@ -85,17 +70,11 @@ class EffectTransfer:
 
 @dataclass(frozen=True)
 class Transfer:
-    """What the cases show.
+    """What the cases show."""
 
-    Attributes:
-        measures: of which SUMO's range exceeds its noise.
-        effects: all effects on these measures.
-        num_failed: cases that failed in the surrogate and in SUMO.
-    """
-
-    measures: tuple[MeasureTransfer, ...]
-    effects: tuple[EffectTransfer, ...]
-    num_failed: tuple[int, int]
+    measures: tuple[MeasureTransfer, ...]  # of which SUMO's range exceeds its noise
+    effects: tuple[EffectTransfer, ...]  # all effects on these measures
+    num_failed: tuple[int, int]  # cases that failed in the surrogate and in SUMO
 
 
 def cases_of(problem: CalibrationProblem) -> tuple[OrthogonalArray, Float[np.ndarray, "case parameter"]]:

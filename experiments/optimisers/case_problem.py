@@ -26,25 +26,15 @@ Points = Float[np.ndarray, "candidate parameter"]
 
 @dataclass(frozen=True)
 class PreparedCase:
-    """What all searches of a case share.
+    """What all searches of a case share."""
 
-    Attributes:
-        problem: the case.
-        engine: the surrogate.
-        initial: what the logs say.
-        box: what is searched: all parameters, as far around their initial values as a calibration searches.
-        objective: on the drives to fit.
-        num_runs: of each candidate.
-        num_fresh_runs: of each result, on seeds that no search has seen.
-    """
-
-    problem: CalibrationProblem
-    engine: JaxSimulator
-    initial: InitialPoint
-    box: SearchBox
-    objective: Objective
-    num_runs: int
-    num_fresh_runs: int
+    problem: CalibrationProblem  # the case
+    engine: JaxSimulator  # the surrogate
+    initial: InitialPoint  # what the logs say
+    box: SearchBox  # what is searched: all parameters, as far around their initial values as a calibration searches
+    objective: Objective  # on the drives to fit
+    num_runs: int  # of each candidate
+    num_fresh_runs: int  # of each result, on seeds that no search has seen
 
 
 def prepare_case(problem: CalibrationProblem) -> PreparedCase:

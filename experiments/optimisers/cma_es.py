@@ -15,23 +15,15 @@ INITIAL_SIGMA = 0.25  # of the unit range
 
 @dataclass(frozen=True)
 class CmaState:
-    """Where CMA-ES stands.
+    """Where CMA-ES stands."""
 
-    Attributes:
-        setting: as given.
-        strategy: the package's object, copied before it is changed.
-        candidates: what is to be evaluated next.
-        kept: successful candidates of this generation so far, with their losses.
-        num_restarts: how often the search began anew because it had converged.
-        num_tells: tells so far.
-    """
-
-    setting: Setting
-    strategy: CMA
-    candidates: Float[np.ndarray, "candidate parameter"]
+    setting: Setting  # as given
+    strategy: CMA  # the package's object, copied before it is changed
+    candidates: Float[np.ndarray, "candidate parameter"]  # what is to be evaluated next
+    # successful candidates of this generation so far, with their losses
     kept: tuple[tuple[Float[np.ndarray, " parameter"], float], ...] = ()
-    num_restarts: int = 0
-    num_tells: int = 0
+    num_restarts: int = 0  # how often the search began anew because it had converged
+    num_tells: int = 0  # tells so far
 
 
 class CmaEs(Optimiser):

@@ -57,19 +57,13 @@ class Problem(Protocol):
 
 @dataclass(frozen=True)
 class Budget:
-    """What a search may use.
+    """What a search may use."""
 
-    Attributes:
-        num_evaluations: most candidates.
-        wall_s: most time of optimiser and evaluations together; the round that runs out of it still counts.
-        batch_size: see `Setting`.
-        num_planned: candidates that optimisers plan their course for, where that is not the most.
-    """
-
-    num_evaluations: int
+    num_evaluations: int  # most candidates
+    # most time of optimiser and evaluations together; the round that runs out of it still counts
     wall_s: float = float("inf")
-    batch_size: int = 8
-    num_planned: int | None = None
+    batch_size: int = 8  # see `Setting`
+    num_planned: int | None = None  # candidates that optimisers plan their course for, where that is not the most
 
 
 def run_course(

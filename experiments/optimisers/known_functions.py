@@ -72,19 +72,12 @@ FUNCTIONS: dict[str, tuple[Callable[[Points], tuple[Residuals, Jacobian]], float
 
 @dataclass(frozen=True)
 class FunctionProblem:
-    """One function, with its optimum where a seed says.
+    """One function, with its optimum where a seed says."""
 
-    Attributes:
-        function: its name.
-        variant: "exact", "noisy" or "failing".
-        num_parameters: dimensions.
-        seed: of optimum, start, noise and failures.
-    """
-
-    function: str
-    variant: str
-    num_parameters: int
-    seed: int
+    function: str  # its name
+    variant: str  # "exact", "noisy" or "failing"
+    num_parameters: int  # dimensions
+    seed: int  # of optimum, start, noise and failures
 
     @property
     def name(self) -> str:

@@ -22,23 +22,16 @@ MANY = 10**9  # evaluations; the budget ends the search
 
 @dataclass(frozen=True)
 class PymooState:
-    """Where pymoo stands.
+    """Where pymoo stands."""
 
-    Attributes:
-        setting: as given.
-        algorithm: pymoo's object, copied before it is changed.
-        infills: what it asked for.
-        candidates: what is to be evaluated next; of the first generation, those that are still missing.
-        first: successful candidates of the first generation so far, with their accuracies; None once it is complete.
-        num_rounds: tells so far.
-    """
-
-    setting: Setting
-    algorithm: Algorithm
-    infills: Population
+    setting: Setting  # as given
+    algorithm: Algorithm  # pymoo's object, copied before it is changed
+    infills: Population  # what it asked for
+    # what is to be evaluated next; of the first generation, those that are still missing
     candidates: Float[np.ndarray, "candidate parameter"]
+    # successful candidates of the first generation so far, with their accuracies; None once it is complete
     first: tuple[Float[np.ndarray, "candidate parameter"], Float[np.ndarray, " candidate"]] | None
-    num_rounds: int = 0
+    num_rounds: int = 0  # tells so far
 
 
 class PymooSearch(Optimiser):

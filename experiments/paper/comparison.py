@@ -29,25 +29,17 @@ TIME_DIFFERS = (
 
 @dataclass(frozen=True)
 class PaperFigure:
-    """A number of the paper.
+    """A number of the paper."""
 
-    Attributes:
-        name: what it is.
-        section: where it stands.
-        value: as printed.
-        ours: the same for pairs of a method of ours and a method that it is compared with; None where it is not
-            defined for them.
-        against: that method; None for a number of one method alone.
-        note: why the two cannot be compared, or only with care.
-        least_similarity: the bound of a share of pairs of patterns; None for a number of another kind.
-    """
-
-    name: str
-    section: str
-    value: str
+    name: str  # what it is
+    section: str  # where it stands
+    value: str  # as printed
+    # the same for pairs of a method of ours and a method that it is compared with; None where it is not defined
+    # for them
     ours: Callable[[Sequence[Pair]], float | None]
-    against: str | None
-    note: str
+    against: str | None  # that method; None for a number of one method alone
+    note: str  # why the two cannot be compared, or only with care
+    # the bound of a share of pairs of patterns; None for a number of another kind
     least_similarity: float | None = None
 
 

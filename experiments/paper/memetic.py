@@ -33,31 +33,21 @@ from jaxcalib.search.saga.genetic_operators import (
 class MemeticConfig:
     """Options.
 
-    Attributes:
-        population_size: >= 2; the paper's, for its own genetic algorithm.
-        crossover_probability: of a pair.
-        mutation_probability: of an offspring.
-        num_chains: best candidates of a generation that are annealed.
-        num_steps: annealing steps between two generations.
-        temperature: at the beginning, as a share of the spread of accuracies in the first generation.
-        cooling: factor of the temperature from step to step.
-        step: standard deviation of a neighbour, as a share of the range, at the first temperature; it shrinks with the
-            square root of the temperature.
-        moved_share: share of the parameters that a neighbour moves.
-
     Raises:
         ValueError: an option is out of its range.
     """
 
-    population_size: int = 20
-    crossover_probability: float = 0.8
-    mutation_probability: float = 0.15
-    num_chains: int = 5
-    num_steps: int = 4
-    temperature: float = 0.5
-    cooling: float = 0.9
+    population_size: int = 20  # >= 2; the paper's, for its own genetic algorithm
+    crossover_probability: float = 0.8  # of a pair
+    mutation_probability: float = 0.15  # of an offspring
+    num_chains: int = 5  # best candidates of a generation that are annealed
+    num_steps: int = 4  # annealing steps between two generations
+    temperature: float = 0.5  # at the beginning, as a share of the spread of accuracies in the first generation
+    cooling: float = 0.9  # factor of the temperature from step to step
+    # standard deviation of a neighbour, as a share of the range, at the first temperature; it shrinks with the
+    # square root of the temperature
     step: float = 0.15
-    moved_share: float = 0.3
+    moved_share: float = 0.3  # share of the parameters that a neighbour moves
 
     def __post_init__(self) -> None:
         """Check the options."""
@@ -72,33 +62,19 @@ class MemeticConfig:
 
 @dataclass(frozen=True)
 class MemeticState:
-    """What the next round needs.
+    """What the next round needs."""
 
-    Attributes:
-        config: options.
-        seed: of all random numbers.
-        round: number of the round that is asked next.
-        num_asked: candidates asked for in all rounds told.
-        population: in the unit cube.
-        accuracy: of the population; -inf where a candidate failed or has not been told.
-        asked: what is evaluated next.
-        scale: spread of the accuracies of the first generation.
-        temperature: of the annealing, as a share of `scale`.
-        best_candidate: best of all that was told; None before.
-        best_accuracy: its accuracy; -inf before.
-    """
-
-    config: MemeticConfig
-    seed: int
-    round: int
-    num_asked: int
-    population: Float[np.ndarray, "candidate parameter"]
-    accuracy: Float[np.ndarray, " candidate"]
-    asked: Float[np.ndarray, "asked parameter"]
-    scale: float
-    temperature: float
-    best_candidate: Float[np.ndarray, " parameter"] | None
-    best_accuracy: float
+    config: MemeticConfig  # options
+    seed: int  # of all random numbers
+    round: int  # number of the round that is asked next
+    num_asked: int  # candidates asked for in all rounds told
+    population: Float[np.ndarray, "candidate parameter"]  # in the unit cube
+    accuracy: Float[np.ndarray, " candidate"]  # of the population; -inf where a candidate failed or has not been told
+    asked: Float[np.ndarray, "asked parameter"]  # what is evaluated next
+    scale: float  # spread of the accuracies of the first generation
+    temperature: float  # of the annealing, as a share of `scale`
+    best_candidate: Float[np.ndarray, " parameter"] | None  # best of all that was told; None before
+    best_accuracy: float  # its accuracy; -inf before
 
     @property
     def is_annealing(self) -> bool:

@@ -26,17 +26,11 @@ HELD_OUT_FACTOR = 6  # of the case's own, in a simulated field
 
 @dataclass(frozen=True)
 class Demand:
-    """How the demand of a pattern differs from the scenario's.
+    """How the demand of a pattern differs from the scenario's."""
 
-    Attributes:
-        name: what a person would call it.
-        total: factor on all inflows.
-        ramps: further factor on all inputs but the first.
-    """
-
-    name: str
-    total: float
-    ramps: float
+    name: str  # what a person would call it
+    total: float  # factor on all inflows
+    ramps: float  # further factor on all inputs but the first
 
 
 # Within the 20 % that Eqs. 5-6 search around the initial inflows, which the logs give.

@@ -20,15 +20,10 @@ NUM_SHORTLISTED = 5
 
 @dataclass(frozen=True)
 class VolumesAndSpeeds:
-    """The objective: normalised root mean square error of volume and speed of each section of the route.
+    """The objective: normalised root mean square error of volume and speed of each section of the route."""
 
-    Attributes:
-        moments: volumes and speeds.
-        field: their values in the field.
-    """
-
-    moments: Moments
-    field: Float[np.ndarray, " moment"]
+    moments: Moments  # volumes and speeds
+    field: Float[np.ndarray, " moment"]  # their values in the field
 
     def accuracy(self, pooled: Float[np.ndarray, "candidate tally"]) -> Float[np.ndarray, " candidate"]:
         """Return 1 less the error; nan for a candidate that failed.

@@ -33,27 +33,16 @@ TrialKey = tuple[int, int, str]  # pattern, repetition, method
 
 @dataclass(frozen=True)
 class StudyPlan:
-    """What is to be done.
+    """What is to be done."""
 
-    Attributes:
-        case: the case's folder.
-        out: the study's folder.
-        methods: names of the methods.
-        patterns: numbers of the traffic patterns, from 1.
-        repetitions: of each.
-        budget: factor on the numbers of runs.
-        settings: what all methods share.
-        cores: devices that the surrogate uses.
-    """
-
-    case: Path
-    out: Path
-    methods: Sequence[str]
-    patterns: Sequence[int]
-    repetitions: int
-    budget: float
-    settings: Settings
-    cores: int
+    case: Path  # the case's folder
+    out: Path  # the study's folder
+    methods: Sequence[str]  # names of the methods
+    patterns: Sequence[int]  # numbers of the traffic patterns, from 1
+    repetitions: int  # of each
+    budget: float  # factor on the numbers of runs
+    settings: Settings  # what all methods share
+    cores: int  # devices that the surrogate uses
 
 
 def seed_of(pattern: int, repetition: int) -> int:

@@ -15,43 +15,26 @@ TRIAL_FILE = "trial.json"
 
 
 class Trial(msgspec.Struct, frozen=True):
-    """A trial.
+    """A trial."""
 
-    Attributes:
-        method: name of the method.
-        pattern: number of the traffic pattern, from 1; 1 is the case's own field.
-        repetition: number of the repetition, from 0.
-        seed: of all its random numbers.
-        role: drives behind the errors: held_out, or fit in a case without held-out drives.
-        errors: errors of Eqs. 24-36 as fractions, in SUMO, all runs pooled; None where there is none.
-        floor: the same for drives of the simulation itself; what chance alone shows.
-        vehicle_level: Eq. 23.
-        surrogate_runs: runs of the search in the surrogate.
-        sumo_runs: runs in SUMO that the calibration needed; those for the errors are not counted.
-        calibration_s: from the first case of Stage 1 to the values returned, as the paper times it.
-        parameters: calibrated values by name.
-        critical: parameters found critical, most critical first; empty for a method that does not screen.
-        num_drivers: driver parameters that there were to choose from.
-        stage2_undid_stage1: whether Stage 2 made the traffic flow worse beyond noise; None without stages.
-        flow_accuracy: of Stage 1, of SAGA and of the end, on the same runs; empty without stages.
-    """
-
-    method: str
-    pattern: int
-    repetition: int
-    seed: int
-    role: str
+    method: str  # name of the method
+    pattern: int  # number of the traffic pattern, from 1; 1 is the case's own field
+    repetition: int  # number of the repetition, from 0
+    seed: int  # of all its random numbers
+    role: str  # drives behind the errors: held_out, or fit in a case without held-out drives
+    # errors of Eqs. 24-36 as fractions, in SUMO, all runs pooled; None where there is none.
     errors: dict[str, float | None]
-    floor: dict[str, float | None]
-    vehicle_level: float
-    surrogate_runs: int
-    sumo_runs: int
-    calibration_s: float
-    parameters: dict[str, float]
-    critical: list[str]
-    num_drivers: int
+    floor: dict[str, float | None]  # the same for drives of the simulation itself; what chance alone shows
+    vehicle_level: float  # Eq. 23.
+    surrogate_runs: int  # runs of the search in the surrogate
+    sumo_runs: int  # runs in SUMO that the calibration needed; those for the errors are not counted
+    calibration_s: float  # from the first case of Stage 1 to the values returned, as the paper times it
+    parameters: dict[str, float]  # calibrated values by name
+    critical: list[str]  # parameters found critical, most critical first; empty for a method that does not screen
+    num_drivers: int  # driver parameters that there were to choose from
+    # whether Stage 2 made the traffic flow worse beyond noise; None without stages
     stage2_undid_stage1: bool | None = None
-    flow_accuracy: list[float] = []
+    flow_accuracy: list[float] = []  # of Stage 1, of SAGA and of the end, on the same runs; empty without stages
     format: int = FORMAT
 
 

@@ -25,27 +25,16 @@ Row = Mapping[str, Cell]
 
 @dataclass(frozen=True)
 class Table:
-    """A table of measurements.
+    """A table of measurements."""
 
-    Attributes:
-        name: unique in its study.
-        title: what the table shows, as a heading.
-        date: day of the measurement, ISO 8601.
-        commit: of the program; ends in "-changed" where files differed from it; None if that is not known.
-        machine: processor, cores and accelerators.
-        command: what made it.
-        rows: one mapping from column to value each; columns in the order of the first row's keys.
-        notes: what a reader must know beside it, a paragraph each.
-    """
-
-    name: str
-    title: str
-    date: str
-    commit: str | None
-    machine: str
-    command: str
-    rows: Sequence[Row]
-    notes: Sequence[str] = ()
+    name: str  # unique in its study
+    title: str  # what the table shows, as a heading
+    date: str  # day of the measurement, ISO 8601
+    commit: str | None  # of the program; ends in "-changed" where files differed from it; None if that is not known
+    machine: str  # processor, cores and accelerators
+    command: str  # what made it
+    rows: Sequence[Row]  # one mapping from column to value each; columns in the order of the first row's keys
+    notes: Sequence[str] = ()  # what a reader must know beside it, a paragraph each
 
 
 def record(

@@ -12,31 +12,19 @@ from surrogate.xla.materialise import materialise
 
 
 class DriveState(eqx.Module):
-    """A drive so far.
+    """A drive so far."""
 
-    Attributes:
-        previous_s: time of the last frame.
-        memory: what is remembered of each vehicle.
-        track_sums: sums over frames for each vehicle.
-        tally: sums over frames.
-    """
-
-    previous_s: Float[Array, ""]
-    memory: Memory
-    track_sums: Float[Array, "track sum"]
-    tally: Float[Array, " tally"]
+    previous_s: Float[Array, ""]  # time of the last frame
+    memory: Memory  # what is remembered of each vehicle
+    track_sums: Float[Array, "track sum"]  # sums over frames for each vehicle
+    tally: Float[Array, " tally"]  # sums over frames
 
 
 class DriveTally(eqx.Module):
-    """Turns the frames of a drive into tallies.
+    """Turns the frames of a drive into tallies."""
 
-    Attributes:
-        settings: conventions.
-        folds: what is counted.
-    """
-
-    settings: MeasureSettings
-    folds: tuple[Fold, ...]
+    settings: MeasureSettings  # conventions
+    folds: tuple[Fold, ...]  # what is counted
 
     @property
     def names(self) -> tuple[str, ...]:

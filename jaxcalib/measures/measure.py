@@ -48,19 +48,13 @@ class LeftOut(enum.Enum):
 
 @dataclass(frozen=True)
 class MeasureValue:
-    """A measured value with its validity.
+    """A measured value with its validity."""
 
-    Attributes:
-        value: the value; nan if it is not valid.
-        num_observations: how many observations it rests on.
-        num_censored: observations left out because they reached beyond the sensor's range; nan where that cannot be.
-        reason: why it is not valid; empty if it is.
-    """
-
-    value: float
-    num_observations: float
+    value: float  # the value; nan if it is not valid
+    num_observations: float  # how many observations it rests on
+    # observations left out because they reached beyond the sensor's range; nan where that cannot be
     num_censored: float = float("nan")
-    reason: str = ""
+    reason: str = ""  # why it is not valid; empty if it is
 
     @property
     def is_valid(self) -> bool:
@@ -70,34 +64,21 @@ class MeasureValue:
 
 @dataclass(frozen=True)
 class Measure:
-    """A quotient of two tallies, pooled: a mean, rate or share.
-
-    Attributes:
-        name: name in results and reports, with its unit as suffix.
-        description: one line for people.
-        level: vehicle or traffic flow.
-        numerator: tally.
-        denominator: tally.
-        scale: factor from SI to the unit of the name.
-        observations: tally that counts the observations; the denominator unless given.
-        censored: tally that counts what was left out; none if empty.
-        left_out: why the default objective does not match it; None if it does.
-        moe: the measure of effectiveness that it gives.
-        printed_moe: the one that it gives in the objective as printed, where `moe` is given by what is no quotient.
-    """
+    """A quotient of two tallies, pooled: a mean, rate or share."""
 
     is_quotient: ClassVar[bool] = True
 
-    name: str
-    description: str
-    level: Level
-    numerator: str
-    denominator: str
-    scale: float = 1.0
-    observations: str = ""
-    censored: str = ""
-    left_out: LeftOut | None = None
-    moe: Moe | None = None
+    name: str  # name in results and reports, with its unit as suffix
+    description: str  # one line for people
+    level: Level  # vehicle or traffic flow
+    numerator: str  # tally
+    denominator: str  # tally
+    scale: float = 1.0  # factor from SI to the unit of the name
+    observations: str = ""  # tally that counts the observations; the denominator unless given
+    censored: str = ""  # tally that counts what was left out; none if empty
+    left_out: LeftOut | None = None  # why the default objective does not match it; None if it does
+    moe: Moe | None = None  # the measure of effectiveness that it gives
+    # the one that it gives in the objective as printed, where `moe` is given by what is no quotient
     printed_moe: Moe | None = None
 
     @property
@@ -190,20 +171,15 @@ class RestrictedMean(Measure):
     Tallies: `numerator[k]` observations end in class k, `censored_classes[k]` are censored in it; the denominator
     counts all, those that reach the limit included.
 
-    Attributes:
-        censored_classes: tallies of those censored in each class.
-        num_classes: number of classes.
-        class_width: width of each; the limit is where the last one ends.
-
     Source: actuarial life table, Cutler & Ederer (1958), J. Chronic Dis. 8: what is censored in a class is half at
         risk there; restricted mean, Royston & Parmar (2013), BMC Med. Res. Methodol. 13:152. Survival falls linearly
         within a class. Where nothing is left at risk, it stays as it is (Gill 1980).
     """
 
     is_quotient = False
-    censored_classes: str = ""
-    num_classes: int = 1
-    class_width: float = 1.0
+    censored_classes: str = ""  # tallies of those censored in each class
+    num_classes: int = 1  # number of classes
+    class_width: float = 1.0  # width of each; the limit is where the last one ends
 
     def tallies(self) -> tuple[str, ...]:
         """The tallies that it needs."""

@@ -13,18 +13,12 @@ SHORTEST_SECTION_M = 300.0
 
 
 class ObservedRoad(eqx.Module):
-    """The carriageway as the subject vehicle passes along it.
+    """The carriageway as the subject vehicle passes along it."""
 
-    Attributes:
-        section_border_m: borders of the sections, first and last are the ends of the route.
-        knot_m: where the number of lanes changes, ends of the route included.
-        lane_m: metres of lane upstream of each knot.
-        lateral_order: place of each row from right to left; rows that share a stretch of road differ in it.
-    """
-
-    section_border_m: Float[Array, " border"]
-    knot_m: Float[Array, " knot"]
-    lane_m: Float[Array, " knot"]
+    section_border_m: Float[Array, " border"]  # borders of the sections, first and last are the ends of the route
+    knot_m: Float[Array, " knot"]  # where the number of lanes changes, ends of the route included
+    lane_m: Float[Array, " knot"]  # metres of lane upstream of each knot
+    # place of each row from right to left; rows that share a stretch of road differ in it
     lateral_order: Float[Array, " row"]
 
     @property

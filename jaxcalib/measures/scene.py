@@ -15,22 +15,14 @@ SUBJECT_SLOT = 0  # of the track table; track n is in slot n + 1
 
 
 class MeasureSettings(eqx.Module):
-    """Conventions of the measures; the same for the field, the surrogate and SUMO.
-
-    Attributes:
-        road: the observed road.
-        nominal_length_m: length taken for every vehicle, since logs hold none.
-        least_speed_mps: below it a time headway means nothing.
-        longest_headway_s: a vehicle further behind its leader does not follow it.
-        num_tracks: places for vehicles that are remembered during a drive.
-        num_target_gap_classes: classes of the lane-changing distance within which none goes unseen.
-    """
+    """Conventions of the measures; the same for the field, the surrogate and SUMO."""
 
     road: ObservedRoad
-    nominal_length_m: Float[Array, ""]
-    least_speed_mps: Float[Array, ""]
-    longest_headway_s: Float[Array, ""]
-    num_tracks: int = eqx.field(static=True)
+    nominal_length_m: Float[Array, ""]  # length taken for every vehicle, since logs hold none
+    least_speed_mps: Float[Array, ""]  # below it a time headway means nothing
+    longest_headway_s: Float[Array, ""]  # a vehicle further behind its leader does not follow it
+    num_tracks: int = eqx.field(static=True)  # places for vehicles that are remembered during a drive
+    # classes of the lane-changing distance within which none goes unseen
     num_target_gap_classes: int = eqx.field(static=True)
 
 
@@ -47,61 +39,34 @@ class Memory(eqx.Module):
 
 
 class Scene(eqx.Module):
-    """One frame, understood. Arrays run over the objects of the frame.
-
-    Attributes:
-        frame: the frame.
-        settings: conventions.
-        is_vehicle: whether there is a vehicle at this place, the subject vehicle included.
-        is_background: the same without the subject vehicle.
-        slot: slot in the track table; the last one where there is none.
-        position_m: front bumper along the route.
-        interval_s: time since the frame before; 0 in the first.
-        is_tracked: whether the vehicle was seen in the frame before.
-        previous_row: its row then.
-        previous_offset_m: its offset from the subject vehicle then.
-        previous_speed_mps: its speed then.
-        was_following: whether it followed then.
-        off_centre_since_s: since when it has been off the centre of its lane; inf if it is not.
-        crossed: whether it has changed lane since then.
-        crossing_s: duration of a lane change that is over in this frame; nan elsewhere.
-        has_leader: whether a leader in its row is within the sensor's range.
-        spacing_m: leader's front bumper less own; inf without leader.
-        has_follower: whether a follower in its row is within range.
-        headway_s: time headway, spacing / speed; inf without leader or below the least speed.
-        is_following: whether the headway is shorter than the longest.
-        is_free: whether it is known to be longer.
-        changes_lane: whether the row is another one than in the frame before.
-        moves_left: -1, 0 or 1: direction of that change.
-        target_gap_m: space between the rear of the leader and the front of the follower; inf if one is not in range.
-        seen_target_gap_m: as much of that space as is within range.
-    """
+    """One frame, understood. Arrays run over the objects of the frame."""
 
     frame: PerceptionFrame
-    settings: MeasureSettings
-    is_vehicle: Bool[Array, " object"]
-    is_background: Bool[Array, " object"]
-    slot: Int[Array, " object"]
-    position_m: Float[Array, " object"]
-    interval_s: Float[Array, ""]
-    is_tracked: Bool[Array, " object"]
-    previous_row: Float[Array, " object"]
-    previous_offset_m: Float[Array, " object"]
-    previous_speed_mps: Float[Array, " object"]
-    was_following: Bool[Array, " object"]
-    off_centre_since_s: Float[Array, " object"]
-    crossed: Bool[Array, " object"]
-    crossing_s: Float[Array, " object"]
-    has_leader: Bool[Array, " object"]
-    spacing_m: Float[Array, " object"]
-    has_follower: Bool[Array, " object"]
-    headway_s: Float[Array, " object"]
-    is_following: Bool[Array, " object"]
-    is_free: Bool[Array, " object"]
-    changes_lane: Bool[Array, " object"]
-    moves_left: Float[Array, " object"]
+    settings: MeasureSettings  # conventions
+    is_vehicle: Bool[Array, " object"]  # whether there is a vehicle at this place, the subject vehicle included
+    is_background: Bool[Array, " object"]  # the same without the subject vehicle
+    slot: Int[Array, " object"]  # slot in the track table; the last one where there is none
+    position_m: Float[Array, " object"]  # front bumper along the route
+    interval_s: Float[Array, ""]  # time since the frame before; 0 in the first
+    is_tracked: Bool[Array, " object"]  # whether the vehicle was seen in the frame before
+    previous_row: Float[Array, " object"]  # its row then
+    previous_offset_m: Float[Array, " object"]  # its offset from the subject vehicle then
+    previous_speed_mps: Float[Array, " object"]  # its speed then
+    was_following: Bool[Array, " object"]  # whether it followed then
+    off_centre_since_s: Float[Array, " object"]  # since when it has been off the centre of its lane; inf if it is not
+    crossed: Bool[Array, " object"]  # whether it has changed lane since then
+    crossing_s: Float[Array, " object"]  # duration of a lane change that is over in this frame; nan elsewhere
+    has_leader: Bool[Array, " object"]  # whether a leader in its row is within the sensor's range
+    spacing_m: Float[Array, " object"]  # leader's front bumper less own; inf without leader
+    has_follower: Bool[Array, " object"]  # whether a follower in its row is within range
+    headway_s: Float[Array, " object"]  # time headway, spacing / speed; inf without leader or below the least speed
+    is_following: Bool[Array, " object"]  # whether the headway is shorter than the longest
+    is_free: Bool[Array, " object"]  # whether it is known to be longer
+    changes_lane: Bool[Array, " object"]  # whether the row is another one than in the frame before
+    moves_left: Float[Array, " object"]  # -1, 0 or 1: direction of that change
+    # space between the rear of the leader and the front of the follower; inf if one is not in range
     target_gap_m: Float[Array, " object"]
-    seen_target_gap_m: Float[Array, " object"]
+    seen_target_gap_m: Float[Array, " object"]  # as much of that space as is within range
 
     @property
     def is_subject(self) -> Bool[Array, " object"]:

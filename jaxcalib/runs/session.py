@@ -16,21 +16,13 @@ from jaxcalib.runs.stopwatch import Stopwatch
 
 @dataclass(frozen=True)
 class Session:
-    """What goes with the work of one command.
+    """What goes with the work of one command."""
 
-    Attributes:
-        folder: RUN, which keeps the runs and takes the results.
-        seed: of all random numbers.
-        progress: told how far the work is.
-        stopwatch: takes the time of each part.
-        began_s: when the command began, by `time.perf_counter`.
-    """
-
-    folder: RunFolder
-    seed: int
-    progress: Progress
-    stopwatch: Stopwatch
-    began_s: float
+    folder: RunFolder  # RUN, which keeps the runs and takes the results
+    seed: int  # of all random numbers
+    progress: Progress  # told how far the work is
+    stopwatch: Stopwatch  # takes the time of each part
+    began_s: float  # when the command began, by `time.perf_counter`
 
     @property
     def journal(self) -> Journal:

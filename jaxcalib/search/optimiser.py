@@ -69,29 +69,19 @@ class Told:
 
 @dataclass(frozen=True)
 class Setting:
-    """What an optimiser knows before it begins.
+    """What an optimiser knows before it begins."""
 
-    Attributes:
-        num_parameters: K >= 1; candidates lie in [0, 1]^K.
-        num_evaluations: candidates that will be evaluated, for optimisers that plan ahead; nothing more is evaluated.
-        batch_size: candidates that are evaluated together at no more cost in time than one, >= 2.
-        start: where to begin, in the unit cube.
-        has_slopes: whether evaluations come with exact slopes.
-        seed: of all random numbers.
-        more_starts: further points that are worth a look, in the unit cube.
-        accuracy_threshold: accuracy that ends a search which knows of such an end; None where none does.
-        known: candidates that were evaluated before; they are not asked again.
-    """
-
-    num_parameters: int
-    num_evaluations: int
-    batch_size: int
-    start: Float[np.ndarray, " parameter"]
-    has_slopes: bool
-    seed: int
+    num_parameters: int  # K >= 1; candidates lie in [0, 1]^K
+    num_evaluations: int  # candidates that will be evaluated, for optimisers that plan ahead; nothing more is evaluated
+    batch_size: int  # candidates that are evaluated together at no more cost in time than one, >= 2
+    start: Float[np.ndarray, " parameter"]  # where to begin, in the unit cube
+    has_slopes: bool  # whether evaluations come with exact slopes
+    seed: int  # of all random numbers
+    # further points that are worth a look, in the unit cube
     more_starts: Float[np.ndarray, "candidate parameter"] | None = None
+    # accuracy that ends a search which knows of such an end; None where none does
     accuracy_threshold: float | None = None
-    known: Told | None = None
+    known: Told | None = None  # candidates that were evaluated before; they are not asked again
 
     @property
     def starts(self) -> Float[np.ndarray, "candidate parameter"]:

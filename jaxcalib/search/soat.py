@@ -17,38 +17,24 @@ from jaxcalib.search.orthogonal_arrays.orthogonal_array import OrthogonalArray
 
 @dataclass(frozen=True)
 class SoatConfig:
-    """Options of SOAT.
+    """Options of SOAT."""
 
-    Attributes:
-        accuracy_threshold: a_thre; reaching it is reported, and ends a literal search.
-        literal: run Algorithm 1 as printed.
-    """
-
-    accuracy_threshold: float = 0.8
-    literal: bool = False
+    accuracy_threshold: float = 0.8  # a_thre; reaching it is reported, and ends a literal search
+    literal: bool = False  # run Algorithm 1 as printed
 
 
 @dataclass(frozen=True)
 class SoatState:
-    """What the next step needs.
+    """What the next step needs."""
 
-    Attributes:
-        config: options.
-        array: the design; its factors are the parameters.
-        level_values: the values V_j of each parameter.
-        candidates: one case per row: the cases of the array in order, then the initial point, if it is tested.
-        accuracy: accuracy of each case; nan if it failed or was not told yet.
-        num_told: how many leading cases have been told.
-        status: where the search stands.
-    """
-
-    config: SoatConfig
-    array: OrthogonalArray
-    level_values: Float[np.ndarray, "parameter level"]
+    config: SoatConfig  # options
+    array: OrthogonalArray  # the design; its factors are the parameters
+    level_values: Float[np.ndarray, "parameter level"]  # the values V_j of each parameter
+    # one case per row: the cases of the array in order, then the initial point, if it is tested
     candidates: Float[np.ndarray, "case parameter"]
-    accuracy: Float[np.ndarray, " case"]
-    num_told: int
-    status: SearchStatus
+    accuracy: Float[np.ndarray, " case"]  # accuracy of each case; nan if it failed or was not told yet
+    num_told: int  # how many leading cases have been told
+    status: SearchStatus  # where the search stands
 
     @property
     def array_accuracy(self) -> Float[np.ndarray, " case"]:
@@ -58,27 +44,16 @@ class SoatState:
 
 @dataclass(frozen=True)
 class SoatInfo:
-    """What a person wants to see.
+    """What a person wants to see."""
 
-    Attributes:
-        best_case: row of the best candidate; None if there is none yet.
-        best_candidate: c_best.
-        best_accuracy: a_max; -inf (literal: 0) if there is no best candidate yet.
-        is_initial_point_best: whether no case of the array was better than the initial point.
-        is_threshold_reached: whether the best accuracy is at least the threshold.
-        num_told: cases told so far.
-        num_failed: how many of them failed.
-        status: where the search stands.
-    """
-
-    best_case: int | None
-    best_candidate: Float[np.ndarray, " parameter"] | None
-    best_accuracy: float
-    is_initial_point_best: bool
-    is_threshold_reached: bool
-    num_told: int
-    num_failed: int
-    status: SearchStatus
+    best_case: int | None  # row of the best candidate; None if there is none yet
+    best_candidate: Float[np.ndarray, " parameter"] | None  # c_best
+    best_accuracy: float  # a_max; -inf (literal: 0) if there is no best candidate yet
+    is_initial_point_best: bool  # whether no case of the array was better than the initial point
+    is_threshold_reached: bool  # whether the best accuracy is at least the threshold
+    num_told: int  # cases told so far
+    num_failed: int  # how many of them failed
+    status: SearchStatus  # where the search stands
 
 
 def level_values(

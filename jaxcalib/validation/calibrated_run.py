@@ -16,17 +16,11 @@ RESULT_FILE = "result.json"
 
 @dataclass(frozen=True)
 class CalibratedRun:
-    """A calibrated result.
+    """A calibrated result."""
 
-    Attributes:
-        values: parameter values in the order of the layout.
-        first_seed: first seed of the calibration that made it.
-        warnings: how the case has changed since.
-    """
-
-    values: tuple[float, ...]
-    first_seed: int
-    warnings: tuple[str, ...]
+    values: tuple[float, ...]  # parameter values in the order of the layout
+    first_seed: int  # first seed of the calibration that made it
+    warnings: tuple[str, ...]  # how the case has changed since
 
 
 def read_calibrated_run(run: Path, problem: CalibrationProblem) -> CalibratedRun:

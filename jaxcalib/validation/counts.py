@@ -22,15 +22,10 @@ FEWEST_INTERVALS = 2
 
 @dataclass(frozen=True)
 class FieldCounts:
-    """Vehicles counted at the ends of edges; callable as what counts the same in SUMO.
+    """Vehicles counted at the ends of edges; callable as what counts the same in SUMO."""
 
-    Attributes:
-        places: edge, begin and end of each interval.
-        vehicles: counts, [day, interval]; nan where a day lacks one.
-    """
-
-    places: tuple[tuple[str, float, float], ...]
-    vehicles: Float[np.ndarray, "day place"]
+    places: tuple[tuple[str, float, float], ...]  # edge, begin and end of each interval
+    vehicles: Float[np.ndarray, "day place"]  # counts, [day, interval]; nan where a day lacks one
 
     @property
     def edges(self) -> tuple[str, ...]:

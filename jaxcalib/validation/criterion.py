@@ -13,25 +13,15 @@ FHWA_2019 = "FHWA Toolbox III, 2019"
 
 
 class Criterion(msgspec.Struct, frozen=True):
-    """A criterion.
+    """A criterion."""
 
-    Attributes:
-        name: what is asked.
-        standard: who asks it.
-        value: what was found; None where it cannot be.
-        limit: what it must not exceed, or must reach.
-        is_upper: whether the limit is the greatest value allowed; else it is the least.
-        passes: the answer; None where it cannot be answered.
-        note: what the numbers mean, or why there is no answer.
-    """
-
-    name: str
-    standard: str
-    value: float | None
-    limit: float | None
-    is_upper: bool
-    passes: bool | None
-    note: str = ""
+    name: str  # what is asked
+    standard: str  # who asks it
+    value: float | None  # what was found; None where it cannot be
+    limit: float | None  # what it must not exceed, or must reach
+    is_upper: bool  # whether the limit is the greatest value allowed; else it is the least
+    passes: bool | None  # the answer; None where it cannot be answered
+    note: str = ""  # what the numbers mean, or why there is no answer
 
 
 def at_most(name: str, standard: str, value: float, limit: float, note: str = "") -> Criterion:

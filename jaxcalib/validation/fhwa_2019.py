@@ -18,19 +18,12 @@ SYSTEMATIC_SHARE = 1.0 / 3.0
 
 @dataclass(frozen=True)
 class DayEnvelope:
-    """What days of one kind show of a quantity over time.
+    """What days of one kind show of a quantity over time."""
 
-    Attributes:
-        representative: number of the day that is nearest to the mean of all.
-        observed: that day's values.
-        sigma: standard deviation over days in each interval.
-        bdae_threshold: bounded dynamic absolute error: mean absolute difference of that day from the others.
-    """
-
-    representative: int
-    observed: Float[np.ndarray, " interval"]
-    sigma: Float[np.ndarray, " interval"]
-    bdae_threshold: float
+    representative: int  # number of the day that is nearest to the mean of all
+    observed: Float[np.ndarray, " interval"]  # that day's values
+    sigma: Float[np.ndarray, " interval"]  # standard deviation over days in each interval
+    bdae_threshold: float  # bounded dynamic absolute error: mean absolute difference of that day from the others
 
 
 def day_envelope(days: Float[np.ndarray, "day interval"]) -> DayEnvelope:

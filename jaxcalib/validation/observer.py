@@ -13,16 +13,11 @@ from surrogate.road.perception import PerceptionFrame
 
 @dataclass(frozen=True)
 class ObservedDrives:
-    """Drives, each with what was kept of it; leading axes are free.
+    """Drives, each with what was kept of it; leading axes are free."""
 
-    Attributes:
-        tally: tallies.
-        histograms: counts of each quantity.
-        passing_s: when the subject vehicle passed each place of the grid; nan where it did not.
-    """
-
-    tally: Float[np.ndarray, "... tally"]
-    histograms: dict[str, Float[np.ndarray, "... bin"]]
+    tally: Float[np.ndarray, "... tally"]  # tallies
+    histograms: dict[str, Float[np.ndarray, "... bin"]]  # counts of each quantity
+    # when the subject vehicle passed each place of the grid; nan where it did not
     passing_s: Float[np.ndarray, "... place"]
 
 

@@ -12,23 +12,14 @@ FEWEST_ROUNDS = 3
 
 @dataclass(frozen=True)
 class Prediction:
-    """A quantity over rounds.
+    """A quantity over rounds."""
 
-    Attributes:
-        mean: mean over rounds.
-        lower: lower bound of the 90 % interval of one more round.
-        upper: upper bound.
-        mean_lower: lower bound of the 90 % interval of the mean.
-        mean_upper: upper bound.
-        p_value: how often one more round would be as far from the mean as the field; nan where that is not known.
-    """
-
-    mean: float
-    lower: float
-    upper: float
-    mean_lower: float
-    mean_upper: float
-    p_value: float
+    mean: float  # mean over rounds
+    lower: float  # lower bound of the 90 % interval of one more round
+    upper: float  # upper bound
+    mean_lower: float  # lower bound of the 90 % interval of the mean
+    mean_upper: float  # upper bound
+    p_value: float  # how often one more round would be as far from the mean as the field; nan where that is not known
 
 
 def predict(rounds: Float[np.ndarray, " round"], field: float) -> Prediction | None:

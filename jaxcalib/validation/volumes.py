@@ -13,21 +13,13 @@ GEH_STANDARD = "DfT TAG M3.1; FHWA Toolbox III, 2004"
 
 @dataclass(frozen=True)
 class Volume:
-    """A volume at one place in one interval.
+    """A volume at one place in one interval."""
 
-    Attributes:
-        place: where and when.
-        edge: where alone.
-        duration_s: how long was counted.
-        field_vehph: what was counted, as an hourly rate.
-        simulated_vehph: mean over seeds, as an hourly rate.
-    """
-
-    place: str
-    field_vehph: float
-    simulated_vehph: float
-    edge: str = ""
-    duration_s: float = 1.0
+    place: str  # where and when
+    field_vehph: float  # what was counted, as an hourly rate
+    simulated_vehph: float  # mean over seeds, as an hourly rate
+    edge: str = ""  # where alone
+    duration_s: float = 1.0  # how long was counted
 
     @property
     def geh(self) -> float:

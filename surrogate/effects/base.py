@@ -53,25 +53,15 @@ class Reading(enum.StrEnum):
 
 
 class Dial(eqx.Module):
-    """The setting of one effect in one run.
+    """The setting of one effect in one run."""
 
-    Attributes:
-        strength: 0 where the effect is absent; its unit is the effect's.
-        route_from_m: where along the subject vehicle's route it begins.
-        route_to_m: where it ends.
-        time_from_s: when it begins, on the scenario's clock.
-        time_to_s: when it ends.
-        choice: which lane or input, as the effect says.
-        time_constant_s: how long its consequences last, as the effect says.
-    """
-
-    strength: Value
-    route_from_m: Value
-    route_to_m: Value
-    time_from_s: Value
-    time_to_s: Value
-    choice: Value
-    time_constant_s: Value
+    strength: Value  # 0 where the effect is absent; its unit is the effect's
+    route_from_m: Value  # where along the subject vehicle's route it begins
+    route_to_m: Value  # where it ends
+    time_from_s: Value  # when it begins, on the scenario's clock
+    time_to_s: Value  # when it ends
+    choice: Value  # which lane or input, as the effect says
+    time_constant_s: Value  # how long its consequences last, as the effect says
 
     FIELDS: ClassVar[tuple[str, ...]] = (
         "strength", "route_from_m", "route_to_m", "time_from_s", "time_to_s", "choice", "time_constant_s",
@@ -90,45 +80,27 @@ class Dial(eqx.Module):
 
 @dataclass(frozen=True)
 class EffectSetting:
-    """What a caller asks of one effect; what is left out is everywhere, always, and the effect's default.
+    """What a caller asks of one effect; what is left out is everywhere, always, and the effect's default."""
 
-    Attributes:
-        strength: in the effect's unit; 0 is off.
-        route_from_m: position along the subject vehicle's route, as in `PerceptionFrame.subject_position_m`.
-        route_to_m: position at which the effect ends.
-        time_from_s: time on the scenario's clock.
-        time_to_s: time at which it ends.
-        choice: see `Effect.choice`.
-        time_constant_s: see `Effect.time_constant`.
-    """
-
-    strength: float
+    strength: float  # in the effect's unit; 0 is off
+    # position along the subject vehicle's route, as in `PerceptionFrame.subject_position_m`
     route_from_m: float | None = None
-    route_to_m: float | None = None
-    time_from_s: float | None = None
-    time_to_s: float | None = None
-    choice: float | None = None
-    time_constant_s: float | None = None
+    route_to_m: float | None = None  # position at which the effect ends
+    time_from_s: float | None = None  # time on the scenario's clock
+    time_to_s: float | None = None  # time at which it ends
+    choice: float | None = None  # see `Effect.choice`
+    time_constant_s: float | None = None  # see `Effect.time_constant`
 
 
 class Moment(eqx.Module):
-    """What an effect may look at while vehicles move or decide.
+    """What an effect may look at while vehicles move or decide."""
 
-    Attributes:
-        vehicles: all vehicles, with what effects remember of them.
-        classes: vehicle classes; that of the subject vehicle is the last.
-        seed: seed of the run.
-        step: number of the step.
-        step_s: its length.
-        second_leader: the leader of each vehicle's leader; None where vehicles do not move.
-    """
-
-    vehicles: VehicleArrays
-    classes: tuple[VehicleClass, ...]
-    seed: Int[Array, ""]
-    step: Int[Array, ""]
-    step_s: float = eqx.field(static=True)
-    second_leader: Neighbour | None = None
+    vehicles: VehicleArrays  # all vehicles, with what effects remember of them
+    classes: tuple[VehicleClass, ...]  # vehicle classes; that of the subject vehicle is the last
+    seed: Int[Array, ""]  # seed of the run
+    step: Int[Array, ""]  # number of the step
+    step_s: float = eqx.field(static=True)  # its length
+    second_leader: Neighbour | None = None  # the leader of each vehicle's leader; None where vehicles do not move
 
     @property
     def time_s(self) -> Float[Array, ""]:
@@ -152,39 +124,24 @@ class Moment(eqx.Module):
 
 
 class Newcomers(eqx.Module):
-    """Drivers who ask to enter.
+    """Drivers who ask to enter."""
 
-    Attributes:
-        identity: keys their random numbers.
-        vehicle_class: class.
-        speed_factor: desired speed over the limit.
-        is_subject: which is the subject vehicle.
-        added_class: number of the class that the effect has added, if it adds one.
-    """
-
-    identity: Int[Array, "entrance rank"]
+    identity: Int[Array, "entrance rank"]  # keys their random numbers
     vehicle_class: Int[Array, "entrance rank"]
-    speed_factor: Float[Array, "entrance rank"]
-    is_subject: Bool[Array, "entrance rank"]
+    speed_factor: Float[Array, "entrance rank"]  # desired speed over the limit
+    is_subject: Bool[Array, "entrance rank"]  # which is the subject vehicle
+    # number of the class that the effect has added, if it adds one
     added_class: int = eqx.field(static=True, default=-1)
 
 
 class Arrivals(eqx.Module):
-    """Arrivals at the entrances.
+    """Arrivals at the entrances."""
 
-    Attributes:
-        arrival: number of the next vehicle of each entrance.
-        num_lanes: lanes of each entrance.
-        demand_vehps: demand of each entrance.
-        is_mainline: whether the subject vehicle enters there.
-        seed: seed of the run.
-    """
-
-    arrival: Int[Array, " entrance"]
-    num_lanes: Int[Array, " entrance"]
-    demand_vehps: Float[Array, " entrance"]
-    is_mainline: Bool[Array, " entrance"]
-    seed: Int[Array, ""]
+    arrival: Int[Array, " entrance"]  # number of the next vehicle of each entrance
+    num_lanes: Int[Array, " entrance"]  # lanes of each entrance
+    demand_vehps: Float[Array, " entrance"]  # demand of each entrance
+    is_mainline: Bool[Array, " entrance"]  # whether the subject vehicle enters there
+    seed: Int[Array, ""]  # seed of the run
 
 
 Hook = Callable[..., Any] | None
@@ -196,97 +153,62 @@ class Effect:
     """One effect: its description, and its functions, each None where it does not act there.
 
     The first argument of every function is the effect's `Dial`.
-
-    Attributes:
-        name: as results name it.
-        title: one line for people.
-        unit: unit of the strength.
-        weak: strength that is hard to see.
-        medium: strength as it is commonly found.
-        strong: strength at the upper end of what is found.
-        acts_on: where it acts.
-        source: where model and range come from.
-        has_place: whether `route_from_m` and `route_to_m` matter.
-        has_time: whether `time_from_s` and `time_to_s` matter.
-        is_signed: whether negative strengths mean something.
-        choice: what `choice` is; empty where it does not matter.
-        default_choice: its value unless given.
-        time_constant: what `time_constant_s` is; empty where it does not matter.
-        default_time_constant_s: its value unless given.
-        reported_at_zero: what people call strength 0, where they count from elsewhere: a factor counts from 1.
-        is_calibrated: whether a calibration has it among its parameters, whose values then tell it.
-        speeds_up: whether vehicles are faster, not slower, at a place where a positive strength acts.
-        lasts_as_strength: whether the strength is how long it lasts, at one point of a lane, which is the choice.
-        reading: what of the strength a log tells by itself.
-        rhythms_s: of an effect that is not a sensor's, strengths each of which leaves a rhythm of its own in a recorded
-            drive; `alter` then leaves positions as they are, and only the vehicles' motion shows it.
-        is_whole_steps: whether a recorded drive shows multiples of its time step only.
-        vtype_attributes: how SUMO expresses it, where other attributes of the background's vTypes are all: pairs of an
-            attribute and (its value, strength) -> value. What needs more is in
-            `sim_adapters/scenario/sumo_effects.py`.
-        alter: (DriveTable, strength, LogFormat, random) -> DriveTable: the effect put into a recorded drive; a sensor's
-            effect without it is put in by `sense`.
-        inputs: (dial, inputs [veh/h]) -> inputs.
-        arrival: (dial, demand to the next arrival [veh], Arrivals) -> demand to the next arrival.
-        newcomer: (dial, Newcomers, seed) -> Newcomers.
-        behaviour: (dial, VehicleClass of human drivers) -> VehicleClass.
-        new_class: (dial, VehicleClass) -> a class of vehicles that the effect adds, made from that of most vehicles.
-        begin: (dial, VehicleArrays, seed) -> memory of vehicles that enter.
-        road: (dial, VehicleArrays, Road, Moment) -> VehicleArrays, whose limits and stops are those of the road.
-        perceive: (dial, FollowingSituation, Moment) -> FollowingSituation.
-        adapt: (dial, Habits, Moment) -> Habits.
-        command: (dial, acceleration, desired speed, CarFollowingMix, Moment) -> acceleration that the driver orders.
-        actuate: (dial, acceleration, Moment) -> acceleration that the vehicle does.
-        remember: (dial, Moment after the step, acceleration ordered) -> memory.
-        decide: (dial, LaneChangeDecision, Moment) -> LaneChangeDecision.
-        settle: (dial, Moment after the decision, direction in which each vehicle has just changed) -> memory.
-        appear: (dial, PerceptionFrame, memory of the vehicle at each object) -> PerceptionFrame; that memory also has
-            `origin_row`, the row that the vehicle was in before it last changed.
-        watch: (PerceptionFrame) -> memory before the first frame.
-        sense: (dial, PerceptionFrame, memory, seed) -> PerceptionFrame, memory.
     """
 
-    name: str
-    title: str
-    unit: str
-    weak: float
-    medium: float
-    strong: float
-    acts_on: ActsOn
-    source: str
-    has_place: bool = False
-    has_time: bool = False
-    is_signed: bool = False
-    choice: str = ""
-    default_choice: float = 0.0
-    time_constant: str = ""
-    default_time_constant_s: float = 1.0
+    name: str  # as results name it
+    title: str  # one line for people
+    unit: str  # unit of the strength
+    weak: float  # strength that is hard to see
+    medium: float  # strength as it is commonly found
+    strong: float  # strength at the upper end of what is found
+    acts_on: ActsOn  # where it acts
+    source: str  # where model and range come from
+    has_place: bool = False  # whether `route_from_m` and `route_to_m` matter
+    has_time: bool = False  # whether `time_from_s` and `time_to_s` matter
+    is_signed: bool = False  # whether negative strengths mean something
+    choice: str = ""  # what `choice` is; empty where it does not matter
+    default_choice: float = 0.0  # its value unless given
+    time_constant: str = ""  # what `time_constant_s` is; empty where it does not matter
+    default_time_constant_s: float = 1.0  # its value unless given
+    # what people call strength 0, where they count from elsewhere: a factor counts from 1
     reported_at_zero: float = 0.0
-    is_calibrated: bool = False
-    speeds_up: bool = False
+    is_calibrated: bool = False  # whether a calibration has it among its parameters, whose values then tell it
+    speeds_up: bool = False  # whether vehicles are faster, not slower, at a place where a positive strength acts
+    # whether the strength is how long it lasts, at one point of a lane, which is the choice
     lasts_as_strength: bool = False
-    reading: Reading | None = None
+    reading: Reading | None = None  # what of the strength a log tells by itself
+    # of an effect that is not a sensor's, strengths each of which leaves a rhythm of its own in a recorded drive;
+    # `alter` then leaves positions as they are, and only the vehicles' motion shows it
     rhythms_s: tuple[float, ...] = ()
-    is_whole_steps: bool = False
+    is_whole_steps: bool = False  # whether a recorded drive shows multiples of its time step only
+    # how SUMO expresses it, where other attributes of the background's vTypes are all: pairs of an attribute and
+    # (its value, strength) -> value. What needs more is in `sim_adapters/scenario/sumo_effects.py`.
     vtype_attributes: tuple[tuple[str, Callable[[float, float], float]], ...] = ()
+    # (DriveTable, strength, LogFormat, random) -> DriveTable: the effect put into a recorded drive; a sensor's
+    # effect without it is put in by `sense`
     alter: Alter | None = None
-    inputs: Hook = None
-    arrival: Hook = None
-    newcomer: Hook = None
-    behaviour: Hook = None
+    inputs: Hook = None  # (dial, inputs [veh/h]) -> inputs
+    arrival: Hook = None  # (dial, demand to the next arrival [veh], Arrivals) -> demand to the next arrival
+    newcomer: Hook = None  # (dial, Newcomers, seed) -> Newcomers
+    behaviour: Hook = None  # (dial, VehicleClass of human drivers) -> VehicleClass
+    # (dial, VehicleClass) -> a class of vehicles that the effect adds, made from that of most vehicles
     new_class: Hook = None
-    begin: Hook = None
+    begin: Hook = None  # (dial, VehicleArrays, seed) -> memory of vehicles that enter
+    # (dial, VehicleArrays, Road, Moment) -> VehicleArrays, whose limits and stops are those of the road
     road: Hook = None
-    perceive: Hook = None
-    adapt: Hook = None
+    perceive: Hook = None  # (dial, FollowingSituation, Moment) -> FollowingSituation
+    adapt: Hook = None  # (dial, Habits, Moment) -> Habits
+    # (dial, acceleration, desired speed, CarFollowingMix, Moment) -> acceleration that the driver orders
     command: Hook = None
-    actuate: Hook = None
-    remember: Hook = None
-    decide: Hook = None
-    settle: Hook = None
+    actuate: Hook = None  # (dial, acceleration, Moment) -> acceleration that the vehicle does
+    remember: Hook = None  # (dial, Moment after the step, acceleration ordered) -> memory
+    decide: Hook = None  # (dial, LaneChangeDecision, Moment) -> LaneChangeDecision
+    settle: Hook = None  # (dial, Moment after the decision, direction in which each vehicle has just changed) -> memory
+    # (dial, PerceptionFrame, memory of the vehicle at each object) -> PerceptionFrame; that memory also has
+    # `origin_row`, the row that the vehicle was in before it last changed
     appear: Hook = None
-    watch: Hook = None
-    sense: Hook = None
+    watch: Hook = None  # (PerceptionFrame) -> memory before the first frame
+    sense: Hook = None  # (dial, PerceptionFrame, memory, seed) -> PerceptionFrame, memory
 
     @property
     def is_sensor_s(self) -> bool:

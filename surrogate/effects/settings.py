@@ -15,13 +15,9 @@ NO_EFFECTS: Mapping[str, EffectSetting] = {}
 
 
 class Effects(eqx.Module):
-    """The settings of all effects in one run.
+    """The settings of all effects in one run."""
 
-    Attributes:
-        values: one row per effect of the registry, one column per field of `Dial`.
-    """
-
-    values: Float[Array, "*run effect field"]
+    values: Float[Array, "*run effect field"]  # one row per effect of the registry, one column per field of `Dial`
 
     def dial(self, name: str) -> Dial:
         """The setting of one effect."""

@@ -15,31 +15,20 @@ LISTED_ENTRIES = 40
 
 @dataclass(frozen=True)
 class Ranked:
-    """One explanation.
+    """One explanation."""
 
-    Attributes:
-        effect: name, none or unknown.
-        probability: of it.
-        strength: estimate in the effect's unit; None for none and unknown.
-        strength_ci90: its interval.
-        absorption: share of its signature that recalibration explains.
-        held_out_gain: gain in log-likelihood per held-out drive against the recalibrated baseline.
-        log_evidence: natural logarithm of its evidence against the baseline's, as far as other drives confirm it.
-        cross_validated_gain: gain in log-likelihood of half of the drives to fit where the other half was fitted; both
-            ways together.
-        place_and_time: where and when, for local effects.
-        alike: other effects that look alike here, with the cosine of their signatures.
-    """
-
-    effect: str
+    effect: str  # name, none or unknown
     probability: float
-    strength: float | None = None
-    strength_ci90: tuple[float, float] | None = None
-    absorption: float | None = None
-    held_out_gain: float | None = None
+    strength: float | None = None  # estimate in the effect's unit; None for none and unknown
+    strength_ci90: tuple[float, float] | None = None  # its interval
+    absorption: float | None = None  # share of its signature that recalibration explains
+    held_out_gain: float | None = None  # gain in log-likelihood per held-out drive against the recalibrated baseline
+    # natural logarithm of its evidence against the baseline's, as far as other drives confirm it
     log_evidence: float = 0.0
+    # gain in log-likelihood of half of the drives to fit where the other half was fitted; both ways together
     cross_validated_gain: float | None = None
-    place_and_time: Mapping[str, float] = field(default_factory=dict)
+    place_and_time: Mapping[str, float] = field(default_factory=dict)  # where and when, for local effects
+    # other effects that look alike here, with the cosine of their signatures
     alike: Mapping[str, float] = field(default_factory=dict)
 
 
@@ -65,17 +54,11 @@ class WhereEntry:
 
 @dataclass(frozen=True)
 class Second:
-    """An effect that explains part of what the first leaves.
+    """An effect that explains part of what the first leaves."""
 
-    Attributes:
-        effect: its name.
-        log_evidence: natural logarithm of its evidence against that of the first alone.
-        strength: estimate, in the effect's unit.
-    """
-
-    effect: str
-    log_evidence: float
-    strength: float
+    effect: str  # its name
+    log_evidence: float  # natural logarithm of its evidence against that of the first alone
+    strength: float  # estimate, in the effect's unit
 
 
 @dataclass(frozen=True)

@@ -20,45 +20,26 @@ from jaxcalib.problem.problem import CalibrationProblem
 
 @dataclass(frozen=True)
 class Findings:
-    """All that a diagnosis knows.
-
-    Attributes:
-        problem: the problem.
-        seed: of the random numbers.
-        values: calibrated values.
-        fitted: null model and features of the drives to fit.
-        held_out: the same of held-out drives; None where there are none.
-        num_places: how many places were looked at for each local effect.
-        null_runs: tallies of SUMO runs with the calibrated values.
-        default: tallies of SUMO runs of the scenario as it is; None where they failed.
-        explained: explanations, best first.
-        verdict: the answer.
-        refit: the effect that is named first, fitted once more around runs that contain it; None where there is none.
-        signatures: of all effects that were tried.
-        atlas: what is known of each effect beforehand.
-        windows: where local effects were tried.
-        checks: effects that were put into SUMO, and how well its signatures agree with the surrogate's.
-        runs: numbers of runs.
-        wall_s: time of each part.
-    """
+    """All that a diagnosis knows."""
 
     problem: CalibrationProblem
-    seed: int
-    values: np.ndarray
-    fitted: Prepared
-    held_out: Prepared | None
-    num_places: Mapping[str, int]
-    null_runs: DriveTallies
-    default: DriveTallies | None
-    explained: Sequence[Explained]
-    verdict: Verdict
+    seed: int  # of the random numbers
+    values: np.ndarray  # calibrated values
+    fitted: Prepared  # null model and features of the drives to fit
+    held_out: Prepared | None  # the same of held-out drives; None where there are none
+    num_places: Mapping[str, int]  # how many places were looked at for each local effect
+    null_runs: DriveTallies  # tallies of SUMO runs with the calibrated values
+    default: DriveTallies | None  # tallies of SUMO runs of the scenario as it is; None where they failed
+    explained: Sequence[Explained]  # explanations, best first
+    verdict: Verdict  # the answer
+    # the effect that is named first, fitted once more around runs that contain it; None where there is none
     refit: Refit | None
-    signatures: Mapping[str, Sequence[Signature]]
-    atlas: Mapping[str, AtlasEntry]
-    windows: Mapping[str, Sequence[Window]]
-    checks: Sequence[Check]
-    runs: Mapping[str, int]
-    wall_s: Mapping[str, float]
+    signatures: Mapping[str, Sequence[Signature]]  # of all effects that were tried
+    atlas: Mapping[str, AtlasEntry]  # what is known of each effect beforehand
+    windows: Mapping[str, Sequence[Window]]  # where local effects were tried
+    checks: Sequence[Check]  # effects that were put into SUMO, and how well its signatures agree with the surrogate's
+    runs: Mapping[str, int]  # numbers of runs
+    wall_s: Mapping[str, float]  # time of each part
 
     def ledger(self) -> list[LedgerEntry]:
         """The ledger of the gap on the drives to fit."""

@@ -36,26 +36,16 @@ def count_closed_loop(table: DriveTable, road: Conventions, book: TallyBook) -> 
 
 @dataclass(frozen=True)
 class _Traffic:
-    """What several features of a drive ask for.
+    """What several features of a drive ask for."""
 
-    Attributes:
-        background: rows of other vehicles than the subject vehicle.
-        on_route: those of them on the stretches.
-        lane: lane of each row, counted from the left.
-        lanes: all lanes.
-        stretch: number of the stretch of each row.
-        limit_ratio: speed over the limit.
-        gap_m: leader's rear bumper less own front bumper; inf where no leader is in range.
-        time_gap_s: time gap to the leader; inf where there is none for certain, nan where it may be out of range.
-    """
-
-    background: RowFlags
-    on_route: RowFlags
-    lane: RowNumbers
-    lanes: Int[np.ndarray, " lane"]
-    stretch: RowNumbers
-    limit_ratio: RowValues
-    gap_m: RowValues
+    background: RowFlags  # rows of other vehicles than the subject vehicle
+    on_route: RowFlags  # those of them on the stretches
+    lane: RowNumbers  # lane of each row, counted from the left
+    lanes: Int[np.ndarray, " lane"]  # all lanes
+    stretch: RowNumbers  # number of the stretch of each row
+    limit_ratio: RowValues  # speed over the limit
+    gap_m: RowValues  # leader's rear bumper less own front bumper; inf where no leader is in range
+    # time gap to the leader; inf where there is none for certain, nan where it may be out of range
     time_gap_s: RowValues
 
 

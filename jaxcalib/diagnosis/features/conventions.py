@@ -25,29 +25,17 @@ NEARLY_ALL_ROUNDED = 0.9  # rows that came late are moved to the subject vehicle
 
 @dataclass(frozen=True)
 class Conventions:
-    """What features have in common.
+    """What features have in common."""
 
-    Attributes:
-        step_s: time step of the simulation.
-        nominal_length_m: length taken for every vehicle.
-        stretch_m: borders of the stretches of route.
-        period_s: borders of the periods of time.
-        lane_from_left: for each row of the road its lane counted from the left, 1 is the leftmost.
-        segment_end_m: ends of the road's segments.
-        limit_mps: speed limit, [row, segment].
-        merge_m: where vehicles may enter from a ramp, [merge, (begin, end)].
-        log: range and rounding of the logs.
-    """
-
-    step_s: float
-    nominal_length_m: float
-    stretch_m: np.ndarray
-    period_s: np.ndarray
-    lane_from_left: np.ndarray
-    segment_end_m: np.ndarray
-    limit_mps: np.ndarray
-    merge_m: np.ndarray
-    log: LogFormat
+    step_s: float  # time step of the simulation
+    nominal_length_m: float  # length taken for every vehicle
+    stretch_m: np.ndarray  # borders of the stretches of route
+    period_s: np.ndarray  # borders of the periods of time
+    lane_from_left: np.ndarray  # for each row of the road its lane counted from the left, 1 is the leftmost
+    segment_end_m: np.ndarray  # ends of the road's segments
+    limit_mps: np.ndarray  # speed limit, [row, segment]
+    merge_m: np.ndarray  # where vehicles may enter from a ramp, [merge, (begin, end)]
+    log: LogFormat  # range and rounding of the logs
 
     def limit_at(self, lane: Int[np.ndarray, " row"], position_m: Float[np.ndarray, " row"]) -> np.ndarray:
         """Speed limit at positions of lanes."""
@@ -97,15 +85,10 @@ def rounding_step(values: np.ndarray) -> float:
 
 @dataclass(frozen=True)
 class ExpectedDrivers:
-    """How vehicles of a class accelerate where nothing but car-following moves them.
+    """How vehicles of a class accelerate where nothing but car-following moves them."""
 
-    Attributes:
-        vehicle: the class, with the calibrated parameters.
-        step_s: time step of the simulation.
-    """
-
-    vehicle: VehicleClass
-    step_s: float
+    vehicle: VehicleClass  # the class, with the calibrated parameters
+    step_s: float  # time step of the simulation
 
     @property
     def speed_factor(self) -> float:

@@ -13,17 +13,11 @@ from surrogate.road.drive_table import DriveTable
 
 @dataclass(frozen=True)
 class DriveFeatures:
-    """Counts the features of drives.
-
-    Attributes:
-        road: conventions.
-        background: expected background drivers.
-        subject: expected subject vehicle.
-    """
+    """Counts the features of drives."""
 
     road: Conventions
     background: ExpectedDrivers
-    subject: ExpectedDrivers
+    subject: ExpectedDrivers  # expected subject vehicle
 
     def of_table(self, table: DriveTable) -> TallyBook:
         """Return the tallies of a drive; identities are left out where instants are too far apart for them."""

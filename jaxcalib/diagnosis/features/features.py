@@ -23,40 +23,24 @@ class Channel(enum.StrEnum):
 
 
 class Cell(NamedTuple):
-    """What a feature describes, and how it is judged; nothing depends on how measure and regime are spelt.
+    """What a feature describes, and how it is judged; nothing depends on how measure and regime are spelt."""
 
-    Attributes:
-        channel: by what it compares.
-        measure: name with its unit as suffix.
-        regime: state of the traffic or time since an event; empty for all.
-        role: subject or background.
-        lane: counted from the left, 1 is the leftmost; None for all.
-        from_m: begin of the stretch of route; None for all.
-        to_m: its end.
-        from_s: begin of the time; None for all.
-        to_s: its end.
-        is_logarithmic: whether its logarithm is judged: for what cannot be negative and varies by factors.
-        tolerance: standard deviation that stays open whatever the number of runs, in the feature's unit or in natural
-            logarithms; above 0 for what holds in every drive but for rounding and integration.
-        rows_per_event: how many counted rows are one event; 0 where its numerator counts none.
-        locates: windows of which kind of local effect it tells; None for none.
-        reads: what of an effect's strength it reads from the log itself; None for nothing.
-    """
-
-    channel: Channel
-    measure: str
-    regime: str = ""
-    role: str = "background"
-    lane: int | None = None
-    from_m: float | None = None
-    to_m: float | None = None
-    from_s: float | None = None
-    to_s: float | None = None
-    is_logarithmic: bool = False
+    channel: Channel  # by what it compares
+    measure: str  # name with its unit as suffix
+    regime: str = ""  # state of the traffic or time since an event; empty for all
+    role: str = "background"  # subject or background
+    lane: int | None = None  # counted from the left, 1 is the leftmost; None for all
+    from_m: float | None = None  # begin of the stretch of route; None for all
+    to_m: float | None = None  # its end
+    from_s: float | None = None  # begin of the time; None for all
+    to_s: float | None = None  # its end
+    is_logarithmic: bool = False  # whether its logarithm is judged: for what cannot be negative and varies by factors
+    # standard deviation that stays open whatever the number of runs, in the feature's unit or in natural
+    # logarithms; above 0 for what holds in every drive but for rounding and integration
     tolerance: float = 0.0
-    rows_per_event: float = 0.0
-    locates: SearchedAt | None = None
-    reads: Reading | None = None
+    rows_per_event: float = 0.0  # how many counted rows are one event; 0 where its numerator counts none
+    locates: SearchedAt | None = None  # windows of which kind of local effect it tells; None for none
+    reads: Reading | None = None  # what of an effect's strength it reads from the log itself; None for nothing
 
     @classmethod
     def from_json(cls, values: Sequence[Any]) -> "Cell":
@@ -111,21 +95,13 @@ class TallyBook:
 
 @dataclass(frozen=True)
 class DriveTallies:
-    """Tallies of several drives.
+    """Tallies of several drives."""
 
-    Attributes:
-        cells: the features.
-        above: numerators, [drive, feature].
-        below: denominators, [drive, feature].
-        depart_s: when each drive's subject vehicle departs.
-        run: number of the run that holds each drive; None where each has a run of its own.
-    """
-
-    cells: tuple[Cell, ...]
-    above: np.ndarray
-    below: np.ndarray
-    depart_s: np.ndarray
-    run: np.ndarray | None = None
+    cells: tuple[Cell, ...]  # the features
+    above: np.ndarray  # numerators, [drive, feature]
+    below: np.ndarray  # denominators, [drive, feature]
+    depart_s: np.ndarray  # when each drive's subject vehicle departs
+    run: np.ndarray | None = None  # number of the run that holds each drive; None where each has a run of its own
 
     def __len__(self) -> int:
         """Return the number of drives."""

@@ -16,29 +16,19 @@ LATERAL_STEP_M = 0.02
 
 
 class RecordedFrames(eqx.Module):
-    """Frames by now.
+    """Frames by now."""
 
-    Attributes:
-        number: frames recorded.
-        subject: time, position, speed, acceleration of the subject vehicle, [frame, value].
-        objects: offset, speed, track, flags with the lane, place across; 16-bit numbers, [frame, value, object].
-    """
-
-    number: Int[Array, ""]
-    subject: Float[Array, "frame value"]
+    number: Int[Array, ""]  # frames recorded
+    subject: Float[Array, "frame value"]  # time, position, speed, acceleration of the subject vehicle, [frame, value]
+    # offset, speed, track, flags with the lane, place across; 16-bit numbers, [frame, value, object]
     objects: Int[Array, "frame value object"]
 
 
 class FrameRecorder(eqx.Module):
-    """An observer that keeps frames.
+    """An observer that keeps frames."""
 
-    Attributes:
-        num_frames: places for frames; later ones are dropped.
-        num_objects: places for objects in a frame.
-    """
-
-    num_frames: int = eqx.field(static=True)
-    num_objects: int = eqx.field(static=True)
+    num_frames: int = eqx.field(static=True)  # places for frames; later ones are dropped
+    num_objects: int = eqx.field(static=True)  # places for objects in a frame
 
     def start(self) -> RecordedFrames:
         """Return the state before the first frame."""

@@ -23,24 +23,15 @@ class NullModel:
     """Distribution of the field's features where nothing is missing in the simulator but a shift of its parameters.
 
     Features count in units of `deviation`: the noise of a field of as many drives.
-
-    Attributes:
-        cells: the features that both field and simulation observe often enough.
-        mean: features of the simulation.
-        deviation: noise of the field's features, its own simulation error included.
-        covariance: of all that is unknown without an effect, in those units.
-        noise: the same without the parameters' shift.
-        slope: change of the features per step of each parameter, in those units.
-        prior_steps: standard deviation of the shift that the calibration may have left, in steps.
     """
 
-    cells: tuple[Cell, ...]
-    mean: np.ndarray
-    deviation: np.ndarray
-    covariance: np.ndarray
-    noise: np.ndarray
-    slope: np.ndarray
-    prior_steps: np.ndarray
+    cells: tuple[Cell, ...]  # the features that both field and simulation observe often enough
+    mean: np.ndarray  # features of the simulation
+    deviation: np.ndarray  # noise of the field's features, its own simulation error included
+    covariance: np.ndarray  # of all that is unknown without an effect, in those units
+    noise: np.ndarray  # the same without the parameters' shift
+    slope: np.ndarray  # change of the features per step of each parameter, in those units
+    prior_steps: np.ndarray  # standard deviation of the shift that the calibration may have left, in steps
 
     def standardised(self, values: np.ndarray) -> np.ndarray:
         """Return the difference of feature values from the simulation's, in units of noise."""

@@ -31,43 +31,24 @@ NO_LEADER = -9  # no track has this number
 
 @dataclass(frozen=True)
 class _Residuals:
-    """What drivers do beyond the calibrated model, and when.
+    """What drivers do beyond the calibrated model, and when."""
 
-    Attributes:
-        residual_mps2: acceleration over the next interval less the expected one.
-        expected_mps2: acceleration that the model takes now.
-        observed_mps2: acceleration over the next interval.
-        leader_acceleration_mps2: the same of the leader.
-        limit_mps: speed limit.
-        ratio: speed over it.
-        gap_m: gap to the leader; inf without one.
-        time_gap_s: the same in time.
-        leader_track: number of the leader.
-        follows: whether a leader is near.
-        since_own_change_s: time since the last change of lane.
-        since_cut_in_s: time since a newcomer came closer than the leader before.
-        people: rows of other drivers who keep lane and leader.
-        quiet: rows without a change of lane or leader shortly before.
-        steady: rows of people who follow, with nothing new.
-        free: rows of people without a leader, with nothing new.
-    """
-
-    residual_mps2: RowValues
-    expected_mps2: RowValues
-    observed_mps2: RowValues
-    leader_acceleration_mps2: RowValues
-    limit_mps: RowValues
-    ratio: RowValues
-    gap_m: RowValues
-    time_gap_s: RowValues
-    leader_track: RowNumbers
-    follows: RowFlags
-    since_own_change_s: RowValues
-    since_cut_in_s: RowValues
-    people: RowFlags
-    quiet: RowFlags
-    steady: RowFlags
-    free: RowFlags
+    residual_mps2: RowValues  # acceleration over the next interval less the expected one
+    expected_mps2: RowValues  # acceleration that the model takes now
+    observed_mps2: RowValues  # acceleration over the next interval
+    leader_acceleration_mps2: RowValues  # the same of the leader
+    limit_mps: RowValues  # speed limit
+    ratio: RowValues  # speed over it
+    gap_m: RowValues  # gap to the leader; inf without one
+    time_gap_s: RowValues  # the same in time
+    leader_track: RowNumbers  # number of the leader
+    follows: RowFlags  # whether a leader is near
+    since_own_change_s: RowValues  # time since the last change of lane
+    since_cut_in_s: RowValues  # time since a newcomer came closer than the leader before
+    people: RowFlags  # rows of other drivers who keep lane and leader
+    quiet: RowFlags  # rows without a change of lane or leader shortly before
+    steady: RowFlags  # rows of people who follow, with nothing new
+    free: RowFlags  # rows of people without a leader, with nothing new
 
 
 def count_replay(

@@ -8,28 +8,18 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Signature:
-    """What an effect at one place and time does to the features, in units of noise.
+    """What an effect at one place and time does to the features, in units of noise."""
 
-    Attributes:
-        effect: name of the effect.
-        setting: place, time and choice, for people.
-        strengths: strengths at which it is known, from 0.
-        shift: difference from the baseline at each strength, [strength, feature]; zeros at strength 0.
-        error: its standard error.
-        exactness: share of SIGNATURE_ERROR that applies, in all features or in each; less than 1 where the signature is
-            nearly exact.
-        sign: of the strengths, which are kept as sizes.
-        is_fixed: whether it holds at its own strength only: a rhythm, or a duration with its place in time.
-    """
-
-    effect: str
-    setting: Mapping[str, float]
-    strengths: np.ndarray
-    shift: np.ndarray
-    error: np.ndarray
+    effect: str  # name of the effect
+    setting: Mapping[str, float]  # place, time and choice, for people
+    strengths: np.ndarray  # strengths at which it is known, from 0
+    shift: np.ndarray  # difference from the baseline at each strength, [strength, feature]; zeros at strength 0
+    error: np.ndarray  # its standard error
+    # share of SIGNATURE_ERROR that applies, in all features or in each; less than 1 where the signature is nearly
+    # exact
     exactness: float | np.ndarray = 1.0
-    sign: float = 1.0
-    is_fixed: bool = False
+    sign: float = 1.0  # of the strengths, which are kept as sizes
+    is_fixed: bool = False  # whether it holds at its own strength only: a rhythm, or a duration with its place in time
 
     @property
     def exponent(self) -> float:

@@ -9,23 +9,14 @@ from surrogate.effects.registry import effect_named
 
 @dataclass(frozen=True)
 class Window:
-    """A place and time at which a local effect may be.
+    """A place and time at which a local effect may be."""
 
-    Attributes:
-        from_m: begin, as positions on the route.
-        to_m: end.
-        from_s: begin of the time; None for always.
-        to_s: its end.
-        lane: counted from the left; None for all.
-        sign: 1 where vehicles lose speed there, -1 where they gain.
-    """
-
-    from_m: float
-    to_m: float
-    from_s: float | None = None
-    to_s: float | None = None
-    lane: int | None = None
-    sign: float = 1.0
+    from_m: float  # begin, as positions on the route
+    to_m: float  # end
+    from_s: float | None = None  # begin of the time; None for always
+    to_s: float | None = None  # its end
+    lane: int | None = None  # counted from the left; None for all
+    sign: float = 1.0  # 1 where vehicles lose speed there, -1 where they gain
 
     def setting(self) -> dict[str, float]:
         """Return it for people and files."""

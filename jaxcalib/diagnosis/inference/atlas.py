@@ -22,19 +22,12 @@ READING_EXACTNESS = 0.1  # of what reads an effect's strength from the log itsel
 
 @dataclass(frozen=True)
 class EffectTrial:
-    """A trial of an effect.
-
-    Attributes:
-        effect: the effect.
-        strength: its strength, with its sign.
-        window: where and when; None for everywhere.
-        trial: what to run.
-    """
+    """A trial of an effect."""
 
     effect: Effect
-    strength: float
-    window: Window | None
-    trial: Trial
+    strength: float  # its strength, with its sign
+    window: Window | None  # where and when; None for everywhere
+    trial: Trial  # what to run
 
 
 @dataclass

@@ -39,27 +39,16 @@ MOST_MOVES = 3  # in the surrogate, before SUMO runs where they led
 
 @dataclass(frozen=True)
 class Baseline:
-    """The calibrated simulation, and the drives against it.
+    """The calibrated simulation, and the drives against it."""
 
-    Attributes:
-        values: parameter values.
-        features: what is counted.
-        in_sumo: makes SUMO's runs.
-        runs: SUMO's runs without effect.
-        runner: makes the surrogate's trials.
-        trials: tallies of the parameters' trials by name.
-        field: tallies of all drives.
-        fitted: null model and drives to fit.
-    """
-
-    values: np.ndarray
-    features: DriveFeatures
-    in_sumo: SumoRuns
-    runs: NullRuns
-    runner: TrialRunner
-    trials: Mapping[str, DriveTallies]
-    field: DriveTallies
-    fitted: Prepared
+    values: np.ndarray  # parameter values
+    features: DriveFeatures  # what is counted
+    in_sumo: SumoRuns  # makes SUMO's runs
+    runs: NullRuns  # SUMO's runs without effect
+    runner: TrialRunner  # makes the surrogate's trials
+    trials: Mapping[str, DriveTallies]  # tallies of the parameters' trials by name
+    field: DriveTallies  # tallies of all drives
+    fitted: Prepared  # null model and drives to fit
 
     @property
     def shift(self) -> np.ndarray:
@@ -74,41 +63,25 @@ class Baseline:
 
 @dataclass(frozen=True)
 class Converged:
-    """Where baselines led.
+    """Where baselines led."""
 
-    Attributes:
-        baseline: the one to stay with.
-        num_baselines: how many were begun.
-        num_surrogate_runs: runs of the surrogate that the others took, and the way between them.
-    """
-
-    baseline: Baseline
-    num_baselines: int
-    num_surrogate_runs: int
+    baseline: Baseline  # the one to stay with
+    num_baselines: int  # how many were begun
+    num_surrogate_runs: int  # runs of the surrogate that the others took, and the way between them
 
 
 @dataclass(frozen=True)
 class BaselineMaker:
-    """Makes baselines.
-
-    Attributes:
-        problem: the problem.
-        plan: numbers of runs.
-        parts: keeps finished parts.
-        first_seed: of SUMO's runs.
-        trial_seed: of the surrogate's.
-        tables: the drives.
-        progress: told of runs.
-        bounds: least and largest value of each parameter; features bent by an effect must not lead beyond them.
-    """
+    """Makes baselines."""
 
     problem: CalibrationProblem
-    plan: DiagnosisBudget
-    parts: FinishedParts
-    first_seed: int
-    trial_seed: int
-    tables: Sequence[DriveTable]
-    progress: Progress
+    plan: DiagnosisBudget  # numbers of runs
+    parts: FinishedParts  # keeps finished parts
+    first_seed: int  # of SUMO's runs
+    trial_seed: int  # of the surrogate's
+    tables: Sequence[DriveTable]  # the drives
+    progress: Progress  # told of runs
+    # least and largest value of each parameter; features bent by an effect must not lead beyond them
     bounds: tuple[np.ndarray, np.ndarray]
 
     def converged(self, values: np.ndarray) -> Converged:

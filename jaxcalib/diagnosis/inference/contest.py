@@ -18,23 +18,14 @@ Signatures = Mapping[str, Sequence[Signature]]
 
 @dataclass(frozen=True)
 class Contest:
-    """What explanations are judged by.
-
-    Attributes:
-        problem: the problem.
-        values: calibrated values.
-        fitted: null model and features of the drives to fit.
-        runs: SUMO runs with the calibrated values.
-        trials: trials of the parameters.
-        num_places: how many places were looked at for each local effect.
-    """
+    """What explanations are judged by."""
 
     problem: CalibrationProblem
-    values: np.ndarray
-    fitted: Prepared
-    runs: NullRuns
-    trials: Mapping[str, DriveTallies]
-    num_places: Mapping[str, int]
+    values: np.ndarray  # calibrated values
+    fitted: Prepared  # null model and features of the drives to fit
+    runs: NullRuns  # SUMO runs with the calibrated values
+    trials: Mapping[str, DriveTallies]  # trials of the parameters
+    num_places: Mapping[str, int]  # how many places were looked at for each local effect
     _known_gains: dict[str, tuple[Sequence[Signature], float]] = field(default_factory=dict)
 
     def explain(self, signatures: Signatures) -> list[Explained]:

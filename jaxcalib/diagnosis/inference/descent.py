@@ -24,42 +24,26 @@ KEPT_PROMISE = 0.5  # share of the promised gain from which on slopes are truste
 
 @dataclass(frozen=True)
 class Point:
-    """Where runs were made.
+    """Where runs were made."""
 
-    Attributes:
-        at: in prior deviations.
-        runs: the runs.
-        features: by how much they differ from the null's, in units of noise.
-        noise: covariance of what the drives may differ from them by.
-        loss: twice the negative logarithm of the likelihood with the prior, but for a constant.
-        square: its part without the noise's determinant.
-    """
-
-    at: np.ndarray
+    at: np.ndarray  # in prior deviations
     runs: ExplainedRuns
-    features: np.ndarray
-    noise: np.ndarray
-    loss: float
-    square: float
+    features: np.ndarray  # by how much they differ from the null's, in units of noise
+    noise: np.ndarray  # covariance of what the drives may differ from them by
+    loss: float  # twice the negative logarithm of the likelihood with the prior, but for a constant
+    square: float  # its part without the noise's determinant
 
 
 @dataclass(frozen=True)
 class Target:
-    """What is to be met, and from where on.
+    """What is to be met, and from where on."""
 
-    Attributes:
-        drives: by how much the drives differ from the null, in units of noise.
-        noise: covariance of what drives may differ by from runs, for runs and their features with standard errors.
-        low: bounds, in prior deviations.
-        high: likewise.
-        center: where the prior stays around.
-    """
-
-    drives: np.ndarray
+    drives: np.ndarray  # by how much the drives differ from the null, in units of noise
+    # covariance of what drives may differ by from runs, for runs and their features with standard errors
     noise: Callable[[ExplainedRuns, np.ndarray], np.ndarray]
-    low: np.ndarray
-    high: np.ndarray
-    center: np.ndarray
+    low: np.ndarray  # bounds, in prior deviations
+    high: np.ndarray  # likewise
+    center: np.ndarray  # where the prior stays around
 
     def point(self, at: np.ndarray, runs: ExplainedRuns, features: np.ndarray, error: np.ndarray) -> Point:
         """Return a point where runs were made."""
@@ -81,19 +65,12 @@ class Target:
 
 @dataclass(frozen=True)
 class Descent:
-    """Where the steps ended.
+    """Where the steps ended."""
 
-    Attributes:
-        nearest: the point whose runs agree best.
-        slopes: change of the features with each coordinate there.
-        step: the last step, that was not run any more.
-        num_runs: runs that were made.
-    """
-
-    nearest: Point
-    slopes: np.ndarray
-    step: np.ndarray
-    num_runs: int
+    nearest: Point  # the point whose runs agree best
+    slopes: np.ndarray  # change of the features with each coordinate there
+    step: np.ndarray  # the last step, that was not run any more
+    num_runs: int  # runs that were made
 
 
 def descend(

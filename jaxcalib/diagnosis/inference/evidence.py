@@ -39,27 +39,16 @@ NONE, UNKNOWN = "none", "unknown"
 
 @dataclass(frozen=True)
 class Explained:
-    """How one explanation fares.
+    """How one explanation fares."""
 
-    Attributes:
-        name: effect, or none, or unknown.
-        log_evidence: logarithm of the marginal likelihood; in a contest, what of it other drives confirm.
-        strength: posterior mean; 0 for none and unknown.
-        interval: 90 % interval of the strength.
-        setting: place and time that agree best.
-        best_misfit: whitened squared misfit at the best strength, and its number of features.
-        shift: expected signature at the posterior.
-        cross_validated_gain: by how much it raises the log-likelihood of drives that it was not fitted to; None where
-            that was not judged.
-    """
-
-    name: str
-    log_evidence: float
-    strength: float = 0.0
-    interval: tuple[float, float] = (0.0, 0.0)
-    setting: Mapping[str, float] | None = None
-    best_misfit: float = float("nan")
-    shift: np.ndarray | None = None
+    name: str  # effect, or none, or unknown
+    log_evidence: float  # logarithm of the marginal likelihood; in a contest, what of it other drives confirm
+    strength: float = 0.0  # posterior mean; 0 for none and unknown
+    interval: tuple[float, float] = (0.0, 0.0)  # 90 % interval of the strength
+    setting: Mapping[str, float] | None = None  # place and time that agree best
+    best_misfit: float = float("nan")  # whitened squared misfit at the best strength, and its number of features
+    shift: np.ndarray | None = None  # expected signature at the posterior
+    # by how much it raises the log-likelihood of drives that it was not fitted to; None where that was not judged
     cross_validated_gain: float | None = None
 
 

@@ -34,19 +34,12 @@ class NotTestableError(RuntimeError):
 
 @dataclass(frozen=True)
 class Prepared:
-    """The null model for some drives, and what makes it.
+    """The null model for some drives, and what makes it."""
 
-    Attributes:
-        tallies: of the drives.
-        null: the null model.
-        difference: features of the drives less the simulation's, in units of noise.
-        slopes: change of features with the parameters, in their own units.
-    """
-
-    tallies: DriveTallies
+    tallies: DriveTallies  # of the drives
     null: NullModel
-    difference: np.ndarray
-    slopes: Slopes
+    difference: np.ndarray  # features of the drives less the simulation's, in units of noise
+    slopes: Slopes  # change of features with the parameters, in their own units
 
 
 def prepare(

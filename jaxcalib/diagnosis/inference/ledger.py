@@ -12,26 +12,17 @@ NUM_DRAWS = 4000
 
 @dataclass(frozen=True)
 class LedgerEntry:
-    """One feature's part of the gap.
+    """One feature's part of the gap."""
 
-    Attributes:
-        cell: what it describes.
-        field: value in the field.
-        simulated: value in the calibrated simulation.
-        difference: what remains after the parameters' shift, in units of noise.
-        excess: its square less what chance makes of it, divided by the number of features: entries add up to the gap
-            above noise. Negative where the field agrees better than chance lets expect.
-        share: its part of the squared difference of all features.
-        p_adjusted: chance of so large a difference in any feature, if nothing were missing.
-    """
-
-    cell: Cell
-    field: float
-    simulated: float
-    difference: float
+    cell: Cell  # what it describes
+    field: float  # value in the field
+    simulated: float  # value in the calibrated simulation
+    difference: float  # what remains after the parameters' shift, in units of noise
+    # its square less what chance makes of it, divided by the number of features: entries add up to the gap above
+    # noise. Negative where the field agrees better than chance lets expect.
     excess: float
-    share: float
-    p_adjusted: float
+    share: float  # its part of the squared difference of all features
+    p_adjusted: float  # chance of so large a difference in any feature, if nothing were missing
 
 
 def parameter_shift(difference: np.ndarray, null: NullModel) -> np.ndarray:

@@ -43,33 +43,22 @@ TANGENT_SHARE = 0.25  # of the strength: over which the change with strength is 
 
 @dataclass(frozen=True)
 class Refit:
-    """An explanation at its last fit.
+    """An explanation at its last fit."""
 
-    Attributes:
-        effect: its name.
-        sign: of the strength.
-        strength: its size.
-        interval_90: its 90 % interval; where both simulators were run, by how far they disagree counts: the road is a
-            third one, and two draws tell how far a third may lie.
-        steps: shift of the parameters from the calibrated values, in steps.
-        runs: the runs nearest to the drives to fit.
-        correction: what adds to their features, in units of noise: the last step, that was not run any more, and what
-            runs of this kind do not show.
-        num_sumo_runs: runs that SUMO made for it.
-        misfit: whitened squared difference between the drives to fit and the nearest runs, with the prior's part.
-        log_evidence: logarithm of the marginal likelihood around the nearest runs, by Laplace's approximation.
-    """
-
-    effect: str
-    sign: float
-    strength: float
+    effect: str  # its name
+    sign: float  # of the strength
+    strength: float  # its size
+    # its 90 % interval; where both simulators were run, by how far they disagree counts: the road is a third one,
+    # and two draws tell how far a third may lie
     interval_90: tuple[float, float]
-    steps: np.ndarray
-    runs: ExplainedRuns
+    steps: np.ndarray  # shift of the parameters from the calibrated values, in steps
+    runs: ExplainedRuns  # the runs nearest to the drives to fit
+    # what adds to their features, in units of noise: the last step, that was not run any more, and what runs of
+    # this kind do not show
     correction: np.ndarray
-    num_sumo_runs: int
-    misfit: float
-    log_evidence: float
+    num_sumo_runs: int  # runs that SUMO made for it
+    misfit: float  # whitened squared difference between the drives to fit and the nearest runs, with the prior's part
+    log_evidence: float  # logarithm of the marginal likelihood around the nearest runs, by Laplace's approximation
 
     def expected(self, null: NullModel, fitted: NullModel) -> np.ndarray:
         """Difference of the features from the null's under the explanation, in units of noise.
@@ -106,21 +95,13 @@ class MakesRuns(Protocol):
 
 @dataclass(frozen=True)
 class _Course:
-    """An explanation on its way, in coordinates that count prior deviations of the parameters and of the strength.
+    """An explanation on its way, in coordinates that count prior deviations of the parameters and of the strength."""
 
-    Attributes:
-        fitted: null model and drives to fit.
-        signature: of the effect.
-        shift: what the contest expected of it, in units of noise.
-        strength: its strength in the contest.
-        unit: prior deviation of each parameter, in steps, and of the strength.
-    """
-
-    fitted: Prepared
-    signature: Signature
-    shift: np.ndarray
-    strength: float
-    unit: np.ndarray
+    fitted: Prepared  # null model and drives to fit
+    signature: Signature  # of the effect
+    shift: np.ndarray  # what the contest expected of it, in units of noise
+    strength: float  # its strength in the contest
+    unit: np.ndarray  # prior deviation of each parameter, in steps, and of the strength
 
     def there(self, at: np.ndarray) -> tuple[np.ndarray, float]:
         """Return the shift of the parameters, in steps, and the strength at a point."""

@@ -30,37 +30,23 @@ NUM_SPLITS = 60
 
 @dataclass(frozen=True)
 class Shrinkage:
-    """Gaps on held-out drives.
+    """Gaps on held-out drives."""
 
-    Attributes:
-        default: of the scenario as it is; None where its runs failed.
-        recalibrated: of the calibrated simulation.
-        with_effect: of that with the effect.
-        ceiling: with all effects of the library at once, each as strong as the drives to fit ask for.
-        floor: what chance alone makes of it.
-        fraction_closed: share of the gap above the floor that the effect closes, at most 1; None where there is no such
-            gap.
-        interval_90: its interval; None where there is no gap.
-    """
-
-    default: float | None
-    recalibrated: float
-    with_effect: float
-    ceiling: float
-    floor: float
+    default: float | None  # of the scenario as it is; None where its runs failed
+    recalibrated: float  # of the calibrated simulation
+    with_effect: float  # of that with the effect
+    ceiling: float  # with all effects of the library at once, each as strong as the drives to fit ask for
+    floor: float  # what chance alone makes of it
+    # share of the gap above the floor that the effect closes, at most 1; None where there is no such gap
     fraction_closed: float | None
-    interval_90: tuple[float, float] | None
+    interval_90: tuple[float, float] | None  # its interval; None where there is no gap
 
 
 @dataclass(frozen=True)
 class Gap:
-    """Measures gaps of differences that are in units of a null model's noise.
+    """Measures gaps of differences that are in units of a null model's noise."""
 
-    Attributes:
-        root: lower triangular root of the noise's covariance.
-    """
-
-    root: np.ndarray
+    root: np.ndarray  # lower triangular root of the noise's covariance
 
     @staticmethod
     def of(null: NullModel, deviation: np.ndarray | None = None) -> "Gap":

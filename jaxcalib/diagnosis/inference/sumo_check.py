@@ -23,37 +23,24 @@ CHECKED_EXACTNESS = 0.4  # share of SIGNATURE_ERROR: on the road the same effect
 
 @dataclass(frozen=True)
 class Check:
-    """An effect in SUMO.
+    """An effect in SUMO."""
 
-    Attributes:
-        effect: its name.
-        strength: at which it was put in.
-        num_runs: SUMO runs.
-        agreement: cosine between the surrogate's signature and SUMO's, features weighed by the null model's precision;
-            None where SUMO's is not longer than its noise.
-        size_ratio: length of SUMO's signature over that of the surrogate's, weighed likewise, its noise taken off.
-    """
-
-    effect: str
-    strength: float
-    num_runs: int
+    effect: str  # its name
+    strength: float  # at which it was put in
+    num_runs: int  # SUMO runs
+    # cosine between the surrogate's signature and SUMO's, features weighed by the null model's precision; None
+    # where SUMO's is not longer than its noise
     agreement: float | None
-    size_ratio: float
+    size_ratio: float  # length of SUMO's signature over that of the surrogate's, weighed likewise, its noise taken off
 
 
 @dataclass(frozen=True)
 class Checked:
-    """What SUMO made of the best explanations.
+    """What SUMO made of the best explanations."""
 
-    Attributes:
-        explained: explanations with corrected signatures, best first.
-        signatures: of all effects, corrected where they were checked.
-        checks: one for each effect that was checked, in order.
-    """
-
-    explained: Sequence[Explained]
-    signatures: Mapping[str, Sequence[Signature]]
-    checks: tuple[Check, ...]
+    explained: Sequence[Explained]  # explanations with corrected signatures, best first
+    signatures: Mapping[str, Sequence[Signature]]  # of all effects, corrected where they were checked
+    checks: tuple[Check, ...]  # one for each effect that was checked, in order
 
 
 Run = Callable[[str, EffectSetting], DriveTallies | None]

@@ -24,19 +24,12 @@ UNFIT_SHARE = 0.9  # of an effect's probability that goes to unknown where none 
 
 @dataclass(frozen=True)
 class Verdict:
-    """The answer.
+    """The answer."""
 
-    Attributes:
-        kind: no_gap, miscalibrated, effect, class, unknown or not_testable.
-        effects: one, several that cannot be told apart, or none.
-        probability: of each explanation; they sum to 1.
-        reason: one line for people.
-    """
-
-    kind: str
-    effects: tuple[str, ...]
-    probability: Mapping[str, float]
-    reason: str
+    kind: str  # no_gap, miscalibrated, effect, class, unknown or not_testable
+    effects: tuple[str, ...]  # one, several that cannot be told apart, or none
+    probability: Mapping[str, float]  # of each explanation; they sum to 1
+    reason: str  # one line for people
 
 
 def probabilities(explained: Sequence[Explained], least_gain: float) -> dict[str, float]:

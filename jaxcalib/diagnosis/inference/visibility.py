@@ -30,17 +30,12 @@ ALIKE = 0.8
 
 @dataclass(frozen=True)
 class AtlasEntry:
-    """What is known of an effect on these roads before the field is looked at.
+    """What is known of an effect on these roads before the field is looked at."""
 
-    Attributes:
-        absorption: share of its signature that a shift of the parameters explains.
-        visible_from: weakest strength that would be seen in four of five cases; None if none would be.
-        alike: other effects whose signatures look alike after that shift, with the cosine.
-    """
-
-    absorption: float
-    visible_from: float | None
+    absorption: float  # share of its signature that a shift of the parameters explains
+    visible_from: float | None  # weakest strength that would be seen in four of five cases; None if none would be
     visible_with_more: float | None = None
+    # other effects whose signatures look alike after that shift, with the cosine
     alike: Mapping[str, float] = field(default_factory=dict)
 
 

@@ -60,25 +60,17 @@ class ExplainedRuns:
 
 @dataclass(frozen=True)
 class ExplainedRunner:
-    """Makes runs that contain an effect.
-
-    Attributes:
-        problem: the problem.
-        values: calibrated values.
-        sumo: makes SUMO's runs.
-        null: the null model for the drives to fit.
-        recalibrate: returns parameter values that a calibration finds with effects in; None where it fails.
-        run_trials: makes trials in the surrogate; the baseline's tallies are among what it returns.
-        num_runs: of each trial in the surrogate.
-    """
+    """Makes runs that contain an effect."""
 
     problem: CalibrationProblem
-    values: np.ndarray
-    sumo: SumoRuns
-    null: NullModel
+    values: np.ndarray  # calibrated values
+    sumo: SumoRuns  # makes SUMO's runs
+    null: NullModel  # the null model for the drives to fit
+    # returns parameter values that a calibration finds with effects in; None where it fails
     recalibrate: Callable[[Mapping[str, EffectSetting]], np.ndarray | None]
+    # makes trials in the surrogate; the baseline's tallies are among what it returns
     run_trials: Callable[[Sequence[Trial]], Mapping[str, DriveTallies]]
-    num_runs: int
+    num_runs: int  # of each trial in the surrogate
 
     def in_surrogate(self, signature: Signature, steps: np.ndarray, strength: float) -> ExplainedRuns | None:
         """Return the surrogate's runs with an effect; None where they fail, or do not show it.

@@ -5,31 +5,18 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class DiagnosisBudget:
-    """Numbers of runs of the surrogate, and of drives in SUMO, several of which may share a run (`num_runs_for`).
+    """Numbers of runs of the surrogate, and of drives in SUMO, several of which may share a run (`num_runs_for`)."""
 
-    Attributes:
-        first_null_drives: drives in SUMO with calibrated values until they are seen to be the ones to stay with.
-        null_drives: drives with those values in all.
-        altered_drives: of how many of them altered versions are counted.
-        default_drives: drives in SUMO's scenario as it is.
-        first_slope_runs: surrogate runs of each trial of a parameter, likewise.
-        slope_runs: the same in all.
-        effect_runs: surrogate runs of each trial of an effect.
-        local_runs: the same for an effect at one place.
-        check_drives: drives in SUMO with each of the best effects.
-        refit_drives: drives in SUMO of each iteration of a refit.
-    """
-
-    first_null_drives: int
-    null_drives: int
-    altered_drives: int
-    default_drives: int
-    first_slope_runs: int
-    slope_runs: int
-    effect_runs: int
-    local_runs: int
-    check_drives: int
-    refit_drives: int
+    first_null_drives: int  # drives in SUMO with calibrated values until they are seen to be the ones to stay with
+    null_drives: int  # drives with those values in all
+    altered_drives: int  # of how many of them altered versions are counted
+    default_drives: int  # drives in SUMO's scenario as it is
+    first_slope_runs: int  # surrogate runs of each trial of a parameter, likewise
+    slope_runs: int  # the same in all
+    effect_runs: int  # surrogate runs of each trial of an effect
+    local_runs: int  # the same for an effect at one place
+    check_drives: int  # drives in SUMO with each of the best effects
+    refit_drives: int  # drives in SUMO of each iteration of a refit
 
 
 def plan_diagnosis(scale: float) -> DiagnosisBudget:

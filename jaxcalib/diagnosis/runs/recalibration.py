@@ -27,15 +27,10 @@ from surrogate.effects.base import EffectSetting
 
 @dataclass(frozen=True)
 class WithEffects:
-    """A simulator all of whose runs contain the same effects.
+    """A simulator all of whose runs contain the same effects."""
 
-    Attributes:
-        simulator: what makes the runs; it knows effects.
-        effects: by name.
-    """
-
-    simulator: Simulator
-    effects: Mapping[str, EffectSetting]
+    simulator: Simulator  # what makes the runs; it knows effects
+    effects: Mapping[str, EffectSetting]  # by name
 
     @property
     def layout(self) -> ParameterLayout:
@@ -49,21 +44,13 @@ class WithEffects:
 
 @dataclass(frozen=True)
 class Recalibrator:
-    """Searches parameter values with an effect in.
-
-    Attributes:
-        problem: the problem.
-        searched: the search without effects.
-        base: values that came of that search, once SUMO had corrected them.
-        budget: its numbers of runs.
-        session: of the diagnosis.
-    """
+    """Searches parameter values with an effect in."""
 
     problem: CalibrationProblem
-    searched: SearchedValues
-    base: np.ndarray
-    budget: Budget
-    session: Session
+    searched: SearchedValues  # the search without effects
+    base: np.ndarray  # values that came of that search, once SUMO had corrected them
+    budget: Budget  # its numbers of runs
+    session: Session  # of the diagnosis
 
     def values(self, effects: Mapping[str, EffectSetting]) -> np.ndarray | None:
         """Return the calibrated values with effects in; None where runs with them fail."""

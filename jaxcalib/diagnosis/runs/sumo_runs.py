@@ -19,25 +19,15 @@ from surrogate.effects.registry import effect_named
 
 @dataclass(frozen=True)
 class SumoRuns:
-    """Runs of SUMO for one set of calibrated values.
-
-    Attributes:
-        problem: the problem.
-        features: what is counted.
-        values: calibrated values.
-        plan: numbers of runs.
-        parts: keeps finished parts.
-        first_seed: of the diagnosis; each part has seeds of its own behind it.
-        on_runs: told of runs done.
-    """
+    """Runs of SUMO for one set of calibrated values."""
 
     problem: CalibrationProblem
-    features: DriveFeatures
-    values: np.ndarray
-    plan: DiagnosisBudget
-    parts: FinishedParts
-    first_seed: int
-    on_runs: Callable[[int], None]
+    features: DriveFeatures  # what is counted
+    values: np.ndarray  # calibrated values
+    plan: DiagnosisBudget  # numbers of runs
+    parts: FinishedParts  # keeps finished parts
+    first_seed: int  # of the diagnosis; each part has seeds of its own behind it
+    on_runs: Callable[[int], None]  # told of runs done
 
     def first_null(self) -> NullRuns:
         """Return the first runs with the calibrated values, and altered versions of some: enough to see where to."""

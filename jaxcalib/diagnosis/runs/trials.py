@@ -19,42 +19,25 @@ FEWEST_PAIRS = 4
 
 @dataclass(frozen=True)
 class Trial:
-    """One setting to run.
-
-    Attributes:
-        name: its name.
-        values: parameter vector.
-        num_runs: number of runs; the same seeds for all trials.
-        effects: effects by name.
-        first_run: number of the first run, where others of the same trial were made before.
-    """
+    """One setting to run."""
 
     name: str
-    values: tuple[float, ...]
-    num_runs: int
-    effects: Mapping[str, EffectSetting] = field(default_factory=dict)
-    first_run: int = 0
+    values: tuple[float, ...]  # parameter vector
+    num_runs: int  # number of runs; the same seeds for all trials
+    effects: Mapping[str, EffectSetting] = field(default_factory=dict)  # effects by name
+    first_run: int = 0  # number of the first run, where others of the same trial were made before
 
 
 @dataclass(frozen=True)
 class TrialRunner:
-    """Runs trials with common random numbers: run k of each has the same seed and departure.
+    """Runs trials with common random numbers: run k of each has the same seed and departure."""
 
-    Attributes:
-        engine: the surrogate, which records frames.
-        recorder: its observer.
-        features: what is counted.
-        departs_s: departures, taken in turn.
-        first_seed: seed of the first run.
-        interval_s: time between two frames.
-    """
-
-    engine: JaxSimulator
-    recorder: FrameRecorder
-    features: DriveFeatures
-    departs_s: Sequence[float]
-    first_seed: int
-    interval_s: float
+    engine: JaxSimulator  # the surrogate, which records frames
+    recorder: FrameRecorder  # its observer
+    features: DriveFeatures  # what is counted
+    departs_s: Sequence[float]  # departures, taken in turn
+    first_seed: int  # seed of the first run
+    interval_s: float  # time between two frames
 
     def run(self, trials: Sequence[Trial], on_runs: Callable[[int], None]) -> dict[str, DriveTallies]:
         """Return the tallies of each trial's runs; a run that failed has none, so that runs stay paired."""

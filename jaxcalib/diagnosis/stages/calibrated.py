@@ -19,15 +19,10 @@ Values = Float[np.ndarray, " parameter"]
 
 @dataclass(frozen=True)
 class Calibrated:
-    """What the recalibration found.
+    """What the recalibration found."""
 
-    Attributes:
-        problem: the problem, with the sensors' range that the drives show.
-        searched: the search.
-    """
-
-    problem: CalibrationProblem
-    searched: SearchedValues
+    problem: CalibrationProblem  # the problem, with the sensors' range that the drives show
+    searched: SearchedValues  # the search
 
     @property
     def bounds(self) -> tuple[Values, Values]:

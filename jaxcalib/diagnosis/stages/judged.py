@@ -16,21 +16,13 @@ from jaxcalib.diagnosis.stages.session import DiagnosisSession
 
 @dataclass(frozen=True)
 class Grounds:
-    """What a verdict rests on beside the explanations.
+    """What a verdict rests on beside the explanations."""
 
-    Attributes:
-        least_gain: gain of the best explanation over the baseline that no single drive makes.
-        num_features: behind the misfits.
-        shift_errors: by how many of its errors the calibration moved the parameters away from the scenario's.
-        few_drives: whether there are too few drives to name one effect.
-        aliased: effects that these drives cannot tell apart.
-    """
-
-    least_gain: float
-    num_features: int
-    shift_errors: float
-    few_drives: bool
-    aliased: tuple[str, ...]
+    least_gain: float  # gain of the best explanation over the baseline that no single drive makes
+    num_features: int  # behind the misfits
+    shift_errors: float  # by how many of its errors the calibration moved the parameters away from the scenario's
+    few_drives: bool  # whether there are too few drives to name one effect
+    aliased: tuple[str, ...]  # effects that these drives cannot tell apart
 
     def verdict_on(self, explained: Sequence[Explained]) -> Verdict:
         """The verdict on explanations."""
@@ -39,16 +31,11 @@ class Grounds:
 
 @dataclass(frozen=True)
 class Judged:
-    """A verdict on the drives to fit.
+    """A verdict on the drives to fit."""
 
-    Attributes:
-        grounds: what it rests on beside the explanations.
-        verdict: the verdict.
-        held_out: null model and features of held-out drives; None where there are none, or they show too little.
-    """
-
-    grounds: Grounds
+    grounds: Grounds  # what it rests on beside the explanations
     verdict: Verdict
+    # null model and features of held-out drives; None where there are none, or they show too little
     held_out: Prepared | None
 
 

@@ -20,17 +20,11 @@ from jaxcalib.diagnosis.stages.session import DiagnosisSession
 
 @dataclass(frozen=True)
 class Refitted:
-    """The explanations after the best were fitted again.
+    """The explanations after the best were fitted again."""
 
-    Attributes:
-        explained: explanations, best first.
-        verdict: the answer.
-        refits: by effect.
-    """
-
-    explained: Sequence[Explained]
-    verdict: Verdict
-    refits: Mapping[str, Refit]
+    explained: Sequence[Explained]  # explanations, best first
+    verdict: Verdict  # the answer
+    refits: Mapping[str, Refit]  # by effect
 
     @property
     def named(self) -> Refit | None:

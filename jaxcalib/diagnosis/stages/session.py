@@ -22,21 +22,13 @@ RECALIBRATION_SCALE = 0.5  # of the calibration's numbers of runs; the last step
 
 @dataclass(frozen=True)
 class DiagnosisSession:
-    """What all stages of a diagnosis share.
+    """What all stages of a diagnosis share."""
 
-    Attributes:
-        problem: the problem, with the sensors' range as stated.
-        plan: the numbers of runs.
-        calibration: those of the recalibration.
-        work: folder, seeds, progress and time of the command.
-        parts: tallies of finished parts.
-    """
-
-    problem: CalibrationProblem
-    plan: DiagnosisBudget
-    calibration: Budget
-    work: Session
-    parts: FinishedParts
+    problem: CalibrationProblem  # the problem, with the sensors' range as stated
+    plan: DiagnosisBudget  # the numbers of runs
+    calibration: Budget  # those of the recalibration
+    work: Session  # folder, seeds, progress and time of the command
+    parts: FinishedParts  # tallies of finished parts
 
     @property
     def seed(self) -> int:

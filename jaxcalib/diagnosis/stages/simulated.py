@@ -15,15 +15,10 @@ TRIAL_SEED = 800_000
 
 @dataclass(frozen=True)
 class Simulated:
-    """The calibrated simulation.
+    """The calibrated simulation."""
 
-    Attributes:
-        converged: where baselines led.
-        default: tallies of SUMO runs of the scenario as it is; None where they failed.
-    """
-
-    converged: Converged
-    default: DriveTallies | None
+    converged: Converged  # where baselines led
+    default: DriveTallies | None  # tallies of SUMO runs of the scenario as it is; None where they failed
 
     @property
     def baseline(self) -> Baseline:

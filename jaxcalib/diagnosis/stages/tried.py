@@ -20,19 +20,12 @@ from jaxcalib.diagnosis.stages.session import DiagnosisSession
 
 @dataclass(frozen=True)
 class Tried:
-    """The effects, tried and judged.
+    """The effects, tried and judged."""
 
-    Attributes:
-        contest: judges explanations.
-        windows: where local effects were tried.
-        signatures: what each effect does to the features.
-        explained: explanations, best first.
-    """
-
-    contest: Contest
-    windows: Mapping[str, Sequence[Window]]
-    signatures: Mapping[str, Sequence[Signature]]
-    explained: Sequence[Explained]
+    contest: Contest  # judges explanations
+    windows: Mapping[str, Sequence[Window]]  # where local effects were tried
+    signatures: Mapping[str, Sequence[Signature]]  # what each effect does to the features
+    explained: Sequence[Explained]  # explanations, best first
 
 
 def try_effects(session: DiagnosisSession, baseline: Baseline, book: TrialBook) -> Tried:

@@ -45,17 +45,11 @@ Found = TypeVar("Found", bound=NormalEquations)
 
 
 class Descent(eqx.Module, Generic[Found]):
-    """Where the problems stand; the last axis of every array is that of the problems.
+    """Where the problems stand; the last axis of every array is that of the problems."""
 
-    Attributes:
-        unit: best points so far, [parameter, problem].
-        found: what is known there.
-        damping: of the next step.
-    """
-
-    unit: Float[np.ndarray, "parameter problem"]
-    found: Found
-    damping: Float[np.ndarray, " problem"]
+    unit: Float[np.ndarray, "parameter problem"]  # best points so far, [parameter, problem]
+    found: Found  # what is known there
+    damping: Float[np.ndarray, " problem"]  # of the next step
 
     def take(self, chosen: np.ndarray) -> "Descent[Found]":
         """Return some of the problems."""

@@ -8,25 +8,17 @@ from jaxtyping import Float
 
 @dataclass(frozen=True)
 class ResponseSurface:
-    """Residual of each measure as intercept + slope z + curvature z^2 / 2, with z = (point - center) / radius.
+    """Residual of each measure as intercept + slope z + curvature z^2 / 2, with z = (point - center) / radius."""
 
-    Attributes:
-        center: in the unit cube.
-        radius: unit of z, > 0.
-        intercept: residual at the centre.
-        slope: per unit of z.
-        curvature: second derivative with respect to each parameter alone; 0 on a linear surface.
-        num_points: points that the surface rests on.
-        slope_covariance: of the errors of each measure's slopes, from the scatter around the surface; inf where there
-            are no more points than coefficients.
-    """
-
-    center: Float[np.ndarray, " parameter"]
-    radius: float
-    intercept: Float[np.ndarray, " measure"]
-    slope: Float[np.ndarray, "measure parameter"]
+    center: Float[np.ndarray, " parameter"]  # in the unit cube
+    radius: float  # unit of z, > 0
+    intercept: Float[np.ndarray, " measure"]  # residual at the centre
+    slope: Float[np.ndarray, "measure parameter"]  # per unit of z
+    # second derivative with respect to each parameter alone; 0 on a linear surface
     curvature: Float[np.ndarray, "measure parameter"]
-    num_points: int
+    num_points: int  # points that the surface rests on
+    # of the errors of each measure's slopes, from the scatter around the surface; inf where there are no more
+    # points than coefficients
     slope_covariance: Float[np.ndarray, "measure parameter parameter"]
 
     def residual_at(self, step: Float[np.ndarray, " parameter"]) -> Float[np.ndarray, " measure"]:

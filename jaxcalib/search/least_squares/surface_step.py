@@ -16,16 +16,12 @@ SMALLEST_STEP = 1e-10
 class GaussianPrior:
     """What is known of the parameters beforehand, in coordinates of the unit cube.
 
-    Attributes:
-        mean: most probable values; may lie outside the unit cube.
-        precision: inverse covariance, symmetric and positive semi-definite.
-
     Raises:
         ValueError: shapes that do not fit, or a precision that is not symmetric and positive semi-definite.
     """
 
-    mean: Float[np.ndarray, " parameter"]
-    precision: Float[np.ndarray, "parameter parameter"]
+    mean: Float[np.ndarray, " parameter"]  # most probable values; may lie outside the unit cube
+    precision: Float[np.ndarray, "parameter parameter"]  # inverse covariance, symmetric and positive semi-definite
 
     def __post_init__(self) -> None:
         """Check shapes and definiteness."""
@@ -50,17 +46,11 @@ class GaussianPrior:
 
 @dataclass(frozen=True)
 class LocalStep:
-    """A step on a response surface.
+    """A step on a response surface."""
 
-    Attributes:
-        step: z, in radii from the centre.
-        candidate: the point it leads to, in the unit cube.
-        predicted_improvement: by how much the surface says that the misfit falls, >= 0.
-    """
-
-    step: Float[np.ndarray, " parameter"]
-    candidate: Float[np.ndarray, " parameter"]
-    predicted_improvement: float
+    step: Float[np.ndarray, " parameter"]  # z, in radii from the centre
+    candidate: Float[np.ndarray, " parameter"]  # the point it leads to, in the unit cube
+    predicted_improvement: float  # by how much the surface says that the misfit falls, >= 0
 
 
 def predicted_misfit(

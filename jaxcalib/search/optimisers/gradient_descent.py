@@ -19,19 +19,12 @@ FEWEST_STEPS = 15  # of each start; with fewer, there are fewer starts
 
 @dataclass(frozen=True)
 class DescentState:
-    """Where all starts stand.
+    """Where all starts stand."""
 
-    Attributes:
-        setting: as given.
-        points: iterates.
-        adam: optax's state.
-        step: from 0.
-    """
-
-    setting: Setting
-    points: Float[np.ndarray, "start parameter"]
-    adam: optax.OptState
-    step: int = 0
+    setting: Setting  # as given
+    points: Float[np.ndarray, "start parameter"]  # iterates
+    adam: optax.OptState  # optax's state
+    step: int = 0  # from 0
 
 
 class GradientDescent(Optimiser):

@@ -18,20 +18,13 @@ STABILITY_SHARE = 0.1  # A, of the iterations
 
 @dataclass(frozen=True)
 class SpsaState:
-    """Where SPSA stands.
+    """Where SPSA stands."""
 
-    Attributes:
-        setting: as given.
-        point: the iterate.
-        iteration: from 0.
-        gain: a; None before the first slope is known.
-        last_success: last iterate that did not fail; None before there is one.
-    """
-
-    setting: Setting
-    point: Float[np.ndarray, " parameter"]
-    iteration: int = 0
-    gain: float | None = None
+    setting: Setting  # as given
+    point: Float[np.ndarray, " parameter"]  # the iterate
+    iteration: int = 0  # from 0
+    gain: float | None = None  # a; None before the first slope is known
+    # last iterate that did not fail; None before there is one
     last_success: Float[np.ndarray, " parameter"] | None = None
 
 

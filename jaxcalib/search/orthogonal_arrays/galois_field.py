@@ -22,19 +22,12 @@ FIELD_ORDERS: tuple[int, ...] = tuple(_REDUCTIONS)
 
 @dataclass(frozen=True)
 class GaloisField:
-    """Tables of GF(q); an element is the number whose base-p digits are its polynomial coefficients.
+    """Tables of GF(q); an element is the number whose base-p digits are its polynomial coefficients."""
 
-    Attributes:
-        order: number of elements q.
-        addition: sum of two elements.
-        multiplication: product of two elements.
-        inverse: multiplicative inverse; entry 0 is 0 and has no meaning.
-    """
-
-    order: int
-    addition: Int[np.ndarray, "order order"]
-    multiplication: Int[np.ndarray, "order order"]
-    inverse: Int[np.ndarray, " order"]
+    order: int  # number of elements q
+    addition: Int[np.ndarray, "order order"]  # sum of two elements
+    multiplication: Int[np.ndarray, "order order"]  # product of two elements
+    inverse: Int[np.ndarray, " order"]  # multiplicative inverse; entry 0 is 0 and has no meaning
 
 
 def _digits(element: int, base: int, num_digits: int) -> list[int]:

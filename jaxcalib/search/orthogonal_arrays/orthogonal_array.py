@@ -20,21 +20,14 @@ MOST_CASES = 1024
 
 @dataclass(frozen=True)
 class OrthogonalArray:
-    """A test design in which every pair of factors shows every pair of levels equally often.
+    """A test design in which every pair of factors shows every pair of levels equally often."""
 
-    Attributes:
-        name: Taguchi's notation, for example "L64(4^12)".
-        num_levels: levels of every factor.
-        levels: level of each factor in each case, 0 ... num_levels - 1.
-        error_degrees_of_freedom: cases - 1 - factors x (levels - 1), what is left to estimate the error from.
-        aliased_triples: factors (i, j, k), i < j < k, in which the main effect of each is aliased with the two-factor
-            interaction of the other two.
-    """
-
-    name: str
-    num_levels: int
-    levels: Int[np.ndarray, "case factor"]
-    error_degrees_of_freedom: int
+    name: str  # Taguchi's notation, for example "L64(4^12)"
+    num_levels: int  # levels of every factor
+    levels: Int[np.ndarray, "case factor"]  # level of each factor in each case, 0 ... num_levels - 1.
+    error_degrees_of_freedom: int  # cases - 1 - factors x (levels - 1), what is left to estimate the error from
+    # factors (i, j, k), i < j < k, in which the main effect of each is aliased with the two-factor interaction of
+    # the other two
     aliased_triples: Int[np.ndarray, "triple 3"]
 
     @property

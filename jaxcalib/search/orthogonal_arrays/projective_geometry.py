@@ -16,21 +16,14 @@ from jaxcalib.search.orthogonal_arrays.galois_field import galois_field
 
 @dataclass(frozen=True)
 class ProjectiveGeometry:
-    """PG(num_coordinates - 1, order).
+    """PG(num_coordinates - 1, order)."""
 
-    Attributes:
-        order: field order q.
-        num_coordinates: coordinates n of a point.
-        points: one point per row, its first non-zero coordinate 1, in the order (1, a, b, ...), (0, 1, a, ...), ...
-        line_through: line through two points; -1 on the diagonal.
-        line_points: the q + 1 points of each line, ascending.
-    """
-
-    order: int
-    num_coordinates: int
+    order: int  # field order q
+    num_coordinates: int  # coordinates n of a point
+    # one point per row, its first non-zero coordinate 1, in the order (1, a, b, ...), (0, 1, a, ...),
     points: Int[np.ndarray, "point coordinate"]
-    line_through: Int[np.ndarray, "point point"]
-    line_points: Int[np.ndarray, "line incidence"]
+    line_through: Int[np.ndarray, "point point"]  # line through two points; -1 on the diagonal
+    line_points: Int[np.ndarray, "line incidence"]  # the q + 1 points of each line, ascending
 
     @property
     def num_points(self) -> int:

@@ -10,19 +10,12 @@ from jaxcalib.search.evaluation import FAILED_ACCURACY, is_successful
 
 @dataclass(frozen=True)
 class CaseMeans:
-    """Replicates averaged over seeds.
+    """Replicates averaged over seeds."""
 
-    Attributes:
-        accuracy: mean accuracy of each case; nan where too few replicates succeeded.
-        num_replicates: replicates that the mean rests on; 0 for failed cases.
-        replicate_variance: variance of a single replicate around case effect + seed effect; nan if unknown.
-        replicate_degrees_of_freedom: of that variance; 0 if unknown.
-    """
-
-    accuracy: Float[np.ndarray, " case"]
-    num_replicates: Int[np.ndarray, " case"]
-    replicate_variance: float
-    replicate_degrees_of_freedom: int
+    accuracy: Float[np.ndarray, " case"]  # mean accuracy of each case; nan where too few replicates succeeded
+    num_replicates: Int[np.ndarray, " case"]  # replicates that the mean rests on; 0 for failed cases
+    replicate_variance: float  # variance of a single replicate around case effect + seed effect; nan if unknown
+    replicate_degrees_of_freedom: int  # of that variance; 0 if unknown
 
 
 def average_replicates(

@@ -20,19 +20,12 @@ NO_LEVEL = -1  # best level of a parameter of which no level could be judged
 
 @dataclass(frozen=True)
 class RangeAnalysisConfig:
-    """Options of range analysis.
+    """Options of range analysis."""
 
-    Attributes:
-        least_cases_per_level: a level mean over fewer successful cases is nan.
-        noise_probability: quantile of the range under no effect that a range must exceed to stand out.
-        num_draws: draws of that range.
-        seed: of these draws.
-    """
-
-    least_cases_per_level: int = 2
-    noise_probability: float = 0.95
-    num_draws: int = 20000
-    seed: int = 0
+    least_cases_per_level: int = 2  # a level mean over fewer successful cases is nan
+    noise_probability: float = 0.95  # quantile of the range under no effect that a range must exceed to stand out
+    num_draws: int = 20000  # draws of that range
+    seed: int = 0  # of these draws
 
 
 @dataclass(frozen=True)

@@ -8,23 +8,6 @@ from typing import Literal
 class SagaConfig:
     """Options of SAGA.
 
-    Attributes:
-        population_size: N_p >= 2 (literal: >= 3).
-        num_generations: G_max >= 1, generations that are evaluated (literal: one more).
-        crossover_probability_min: P_c,min.
-        crossover_probability_max: P_c,max.
-        mutation_probability_min: P_m,min.
-        mutation_probability_max: P_m,max.
-        accuracy_threshold: a_thre.
-        stop_at_threshold: whether reaching the threshold ends the search.
-        num_elites: best candidates of a generation that survive unchanged (none if literal).
-        selection: "roulette" by windowed accuracy or "rank" (literal: by accuracy itself).
-        crossover: "blx" or "uniform".
-        blend_alpha: of "blx", >= 0.
-        probability_mode: which accuracy enters Eqs. 21-22. "pair_mean": the mean of both parents, as in the paper;
-            "srinivas": of the better parent for crossover, of the own parent for mutation.
-        literal: Algorithm 3 as printed.
-
     Raises:
         ValueError: an option is out of its range.
 
@@ -32,20 +15,23 @@ class SagaConfig:
     Deviation: crossover, number of elites and kind of selection are not in the paper.
     """
 
-    population_size: int = 20
-    num_generations: int = 15
-    crossover_probability_min: float = 0.6
-    crossover_probability_max: float = 0.9
-    mutation_probability_min: float = 0.05
-    mutation_probability_max: float = 0.25
-    accuracy_threshold: float = 0.8
-    stop_at_threshold: bool = True
-    num_elites: int = 1
+    population_size: int = 20  # N_p >= 2 (literal: >= 3)
+    num_generations: int = 15  # G_max >= 1, generations that are evaluated (literal: one more)
+    crossover_probability_min: float = 0.6  # P_c,min
+    crossover_probability_max: float = 0.9  # P_c,max
+    mutation_probability_min: float = 0.05  # P_m,min
+    mutation_probability_max: float = 0.25  # P_m,max
+    accuracy_threshold: float = 0.8  # a_thre
+    stop_at_threshold: bool = True  # whether reaching the threshold ends the search
+    num_elites: int = 1  # best candidates of a generation that survive unchanged (none if literal)
+    # "roulette" by windowed accuracy or "rank" (literal: by accuracy itself)
     selection: Literal["roulette", "rank"] = "roulette"
-    crossover: Literal["blx", "uniform"] = "blx"
-    blend_alpha: float = 0.5
+    crossover: Literal["blx", "uniform"] = "blx"  # "blx" or "uniform"
+    blend_alpha: float = 0.5  # of "blx", >= 0
+    # which accuracy enters Eqs. 21-22. "pair_mean": the mean of both parents, as in the paper; "srinivas": of the
+    # better parent for crossover, of the own parent for mutation.
     probability_mode: Literal["pair_mean", "srinivas"] = "pair_mean"
-    literal: bool = False
+    literal: bool = False  # Algorithm 3 as printed
 
     def __post_init__(self) -> None:
         """Check the options."""

@@ -21,55 +21,34 @@ from jaxcalib.search.saga.config import SagaConfig
 
 @dataclass(frozen=True)
 class SagaState:
-    """What the next step needs.
+    """What the next step needs."""
 
-    Attributes:
-        config: options.
-        seed: of all random numbers.
-        generation: number of the generation that is to be evaluated next, from 0.
-        population: that generation, in the unit cube.
-        best_candidate: p_best, best of all evaluated candidates; None if there is none yet.
-        best_accuracy: its accuracy, -inf if there is none. In a literal search the printed f_max, which line 17 of
-            Algorithm 3 overwrites, so that it need not belong to the best candidate.
-        status: where the search stands.
-    """
-
-    config: SagaConfig
-    seed: int
-    generation: int
-    population: Float[np.ndarray, "candidate parameter"]
+    config: SagaConfig  # options
+    seed: int  # of all random numbers
+    generation: int  # number of the generation that is to be evaluated next, from 0
+    population: Float[np.ndarray, "candidate parameter"]  # that generation, in the unit cube
+    # p_best, best of all evaluated candidates; None if there is none yet
     best_candidate: Float[np.ndarray, " parameter"] | None
+    # its accuracy, -inf if there is none. In a literal search the printed f_max, which line 17 of Algorithm 3
+    # overwrites, so that it need not belong to the best candidate.
     best_accuracy: float
-    status: SearchStatus
+    status: SearchStatus  # where the search stands
 
 
 @dataclass(frozen=True)
 class SagaInfo:
-    """What a person wants to see about the generation just told.
+    """What a person wants to see about the generation just told."""
 
-    Attributes:
-        generation: its number.
-        generation_best_accuracy: f_max,cur; -inf if all candidates failed.
-        generation_mean_accuracy: f_avg,cur over the successful candidates; nan if all failed.
-        num_failed: candidates that failed.
-        best_candidate: as in the state.
-        best_accuracy: as in the state.
-        is_threshold_reached: whether the best accuracy has reached the threshold.
-        crossover_probability: P_c of each pair that bred; empty if none did.
-        mutation_probability: P_m of each offspring; empty if none was bred.
-        status: where the search stands.
-    """
-
-    generation: int
-    generation_best_accuracy: float
-    generation_mean_accuracy: float
-    num_failed: int
-    best_candidate: Float[np.ndarray, " parameter"] | None
-    best_accuracy: float
-    is_threshold_reached: bool
-    crossover_probability: Float[np.ndarray, " pair"]
-    mutation_probability: Float[np.ndarray, " offspring"]
-    status: SearchStatus
+    generation: int  # its number
+    generation_best_accuracy: float  # f_max,cur; -inf if all candidates failed
+    generation_mean_accuracy: float  # f_avg,cur over the successful candidates; nan if all failed
+    num_failed: int  # candidates that failed
+    best_candidate: Float[np.ndarray, " parameter"] | None  # as in the state
+    best_accuracy: float  # as in the state
+    is_threshold_reached: bool  # whether the best accuracy has reached the threshold
+    crossover_probability: Float[np.ndarray, " pair"]  # P_c of each pair that bred; empty if none did
+    mutation_probability: Float[np.ndarray, " offspring"]  # P_m of each offspring; empty if none was bred
+    status: SearchStatus  # where the search stands
 
 
 def init(

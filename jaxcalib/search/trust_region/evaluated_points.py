@@ -10,30 +10,20 @@ from jaxcalib.search.least_squares.surface_step import GaussianPrior
 
 @dataclass(frozen=True)
 class EvaluatedPoints:
-    """Successful evaluations in the order in which they were told; a point may occur several times.
+    """Successful evaluations in the order in which they were told; a point may occur several times."""
 
-    Attributes:
-        points: in the unit cube.
-        residuals: finite; 0 where the weight is 0.
-        weights: 1 / noise variance, >= 0; 0 means that the measure is not known there.
-    """
-
-    points: Float[np.ndarray, "candidate parameter"]
-    residuals: Float[np.ndarray, "candidate measure"]
+    points: Float[np.ndarray, "candidate parameter"]  # in the unit cube
+    residuals: Float[np.ndarray, "candidate measure"]  # finite; 0 where the weight is 0
+    # 1 / noise variance, >= 0; 0 means that the measure is not known there
     weights: Float[np.ndarray, "candidate measure"]
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """By how much one point is better than another.
+    """By how much one point is better than another."""
 
-    Attributes:
-        improvement: misfit of the old point - misfit of the new one, over the measures known at both.
-        standard_deviation: of the improvement, from the noise of the residuals.
-    """
-
-    improvement: float
-    standard_deviation: float
+    improvement: float  # misfit of the old point - misfit of the new one, over the measures known at both
+    standard_deviation: float  # of the improvement, from the noise of the residuals
 
 
 def append_points(

@@ -15,27 +15,6 @@ from jaxcalib.search.trust_region.evaluated_points import EvaluatedPoints
 class TrustRegionConfig:
     """Options of the trust-region search. Radii are in coordinates of the unit cube.
 
-    Attributes:
-        num_iterations: most pairs of a design and a trial, >= 1.
-        initial_radius: between the least and the greatest radius.
-        least_radius: below it the search ends; > 0.
-        greatest_radius: at most 0.5.
-        design: "central" (2 M + 1 candidates) or "two_level" (about M + 1).
-        surface: "linear", or "quadratic" in each parameter alone, for which "central" suffices.
-        ridge: of the fit of the surface, relative, >= 0.
-        damping: of the Levenberg-Marquardt step, relative, >= 0.
-        reuse_radius: earlier points up to so many radii from the centre (in each parameter) help to fit the surface.
-        step_fractions: shares of the step that are tried together; the best of them competes with the centre.
-        noise_relaxation: how many standard deviations of noise are added to actual and predicted improvement before
-            their ratio is taken, >= 0.
-        least_predicted_improvement: of the misfit; below it the search ends. With weights 1 / noise variance, 1 is
-            what the noise of one measure amounts to.
-        acceptance_ratio: least ratio of actual to predicted improvement at which the centre moves.
-        shrink_ratio: below it the radius shrinks.
-        grow_ratio: above it the radius grows if the step reached the border of the region.
-        shrink_factor: in (0, 1).
-        grow_factor: > 1.
-
     Raises:
         ValueError: an option is out of its range.
 
@@ -43,22 +22,29 @@ class TrustRegionConfig:
         trust-region method for noisy unconstrained optimization.
     """
 
-    num_iterations: int = 20
-    initial_radius: float = 0.15
-    least_radius: float = 0.005
-    greatest_radius: float = 0.5
-    design: Literal["central", "two_level"] = "central"
+    num_iterations: int = 20  # most pairs of a design and a trial, >= 1
+    initial_radius: float = 0.15  # between the least and the greatest radius
+    least_radius: float = 0.005  # below it the search ends; > 0
+    greatest_radius: float = 0.5  # at most 0.5
+    design: Literal["central", "two_level"] = "central"  # "central" (2 M + 1 candidates) or "two_level" (about M + 1)
+    # "linear", or "quadratic" in each parameter alone, for which "central" suffices
     surface: Literal["linear", "quadratic"] = "linear"
-    ridge: float = 1e-4
-    damping: float = 1e-3
+    ridge: float = 1e-4  # of the fit of the surface, relative, >= 0
+    damping: float = 1e-3  # of the Levenberg-Marquardt step, relative, >= 0
+    # earlier points up to so many radii from the centre (in each parameter) help to fit the surface
     reuse_radius: float = 2.0
+    # shares of the step that are tried together; the best of them competes with the centre
     step_fractions: tuple[float, ...] = (1.0,)
+    # how many standard deviations of noise are added to actual and predicted improvement before their ratio is
+    # taken, >= 0
     noise_relaxation: float = 1.0
+    # of the misfit; below it the search ends. With weights 1 / noise variance, 1 is what the noise of one measure
+    # amounts to.
     least_predicted_improvement: float = 0.1
-    acceptance_ratio: float = 0.1
-    shrink_ratio: float = 0.25
-    grow_ratio: float = 0.75
-    shrink_factor: float = 0.5
+    acceptance_ratio: float = 0.1  # least ratio of actual to predicted improvement at which the centre moves
+    shrink_ratio: float = 0.25  # below it the radius shrinks
+    grow_ratio: float = 0.75  # above it the radius grows if the step reached the border of the region
+    shrink_factor: float = 0.5  # in (0, 1)
     grow_factor: float = 2.0
 
     def __post_init__(self) -> None:
@@ -94,63 +80,38 @@ class TrustRegionConfig:
 
 @dataclass(frozen=True)
 class TrustRegionState:
-    """What the next step needs.
+    """What the next step needs."""
 
-    Attributes:
-        config: options.
-        iteration: pairs of a design and a trial that are finished.
-        center: best point known, in the unit cube; the result of the search.
-        radius: of the trust region, in each parameter.
-        candidates: what is to be evaluated next.
-        predicted_improvement: of each trial; None while a design is to be evaluated.
-        evaluated: everything told so far; None at the beginning.
-        status: where the search stands.
-    """
-
-    config: TrustRegionConfig
-    iteration: int
-    center: Float[np.ndarray, " parameter"]
-    radius: float
-    candidates: Float[np.ndarray, "candidate parameter"]
+    config: TrustRegionConfig  # options
+    iteration: int  # pairs of a design and a trial that are finished
+    center: Float[np.ndarray, " parameter"]  # best point known, in the unit cube; the result of the search
+    radius: float  # of the trust region, in each parameter
+    candidates: Float[np.ndarray, "candidate parameter"]  # what is to be evaluated next
+    # of each trial; None while a design is to be evaluated
     predicted_improvement: Float[np.ndarray, " candidate"] | None
-    evaluated: EvaluatedPoints | None
-    status: SearchStatus
+    evaluated: EvaluatedPoints | None  # everything told so far; None at the beginning
+    status: SearchStatus  # where the search stands
 
 
 @dataclass(frozen=True)
 class TrustRegionInfo:
-    """What a person wants to see about the candidates just told.
+    """What a person wants to see about the candidates just told."""
 
-    Attributes:
-        iteration: its number.
-        is_trial: whether they were trials.
-        is_accepted: whether the centre moved to a trial.
-        ratio: of actual to predicted improvement, noise added to both; nan after a design or if all trials failed.
-        actual_improvement: of the misfit, by the best trial; nan as above.
-        predicted_improvement: by the best trial, or after a design by the full step.
-        center: best point known.
-        center_misfit: its misfit; nan if it was never evaluated with success.
-        radius: for the next design.
-        num_failed: candidates that failed.
-        surface: the response surface; None after a trial.
-        precision: Gauss-Newton precision of the parameters at the centre, prior included, in coordinates of the unit
-            cube; None after a trial.
-        status: where the search stands.
-    """
-
-    iteration: int
-    is_trial: bool
-    is_accepted: bool
-    ratio: float
-    actual_improvement: float
-    predicted_improvement: float
-    center: Float[np.ndarray, " parameter"]
-    center_misfit: float
-    radius: float
-    num_failed: int
-    surface: ResponseSurface | None
+    iteration: int  # its number
+    is_trial: bool  # whether they were trials
+    is_accepted: bool  # whether the centre moved to a trial
+    ratio: float  # of actual to predicted improvement, noise added to both; nan after a design or if all trials failed
+    actual_improvement: float  # of the misfit, by the best trial; nan as above
+    predicted_improvement: float  # by the best trial, or after a design by the full step
+    center: Float[np.ndarray, " parameter"]  # best point known
+    center_misfit: float  # its misfit; nan if it was never evaluated with success
+    radius: float  # for the next design
+    num_failed: int  # candidates that failed
+    surface: ResponseSurface | None  # the response surface; None after a trial
+    # Gauss-Newton precision of the parameters at the centre, prior included, in coordinates of the unit cube;
+    # None after a trial
     precision: Float[np.ndarray, "parameter parameter"] | None
-    status: SearchStatus
+    status: SearchStatus  # where the search stands
 
 
 def blank_info(state: TrustRegionState, is_counted: Bool[np.ndarray, " candidate"]) -> TrustRegionInfo:
