@@ -58,10 +58,7 @@ class Answered:
 def read_answers(cases: Path, runs: Path, key_file: Path | None) -> tuple[list[Answered], list[str]]:
     """Return the answered cases and the names of those without an answer.
 
-    Args:
-        cases: folder of cases.
-        runs: folder of answers.
-        key_file: labels of sealed cases; without it each case has a label.json.
+    Labels of sealed cases are in the key's file; without it each case has a label.json.
 
     Raises:
         SealBrokenError: a label or an answer has been changed, or a case was added or taken away.

@@ -24,12 +24,9 @@ class ManipulationCheck(TypedDict):
 def manipulation_check(
     with_effect: Sequence[Measures], without: Sequence[Measures], changed: Sequence[bool]
 ) -> ManipulationCheck:
-    """Compare drives with an effect with the same drives without it.
+    """Compare plain statistics of drives with an effect with those of the same drives, same seeds, without it.
 
-    Args:
-        with_effect: plain statistics of drives with the effect.
-        without: of the same drives, same seeds, without.
-        changed: whether the logs of a drive differ.
+    `changed` says whether the logs of a drive differ.
     """
     names = sorted(without[0])
     ours = np.array([[one[name] for name in names] for one in with_effect])

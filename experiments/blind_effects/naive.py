@@ -74,9 +74,7 @@ def case_features(folder: Path) -> pd.Series:
 def forest_answers(cases: Sequence[Answered], more: Sequence[tuple[Path, str]]) -> list[str]:
     """Return what a random forest on plain statistics says of each case that it was not trained on.
 
-    Args:
-        cases: to judge, in folds.
-        more: further folders and their truths, always trained on.
+    Further folders come with their truths, and are always trained on.
     """
     features = pd.DataFrame([case_features(case.folder) for case in cases])
     truths = np.asarray([case.truth for case in cases], dtype=object)

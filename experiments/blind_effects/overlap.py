@@ -41,11 +41,9 @@ def answered_cells(case: Answered) -> list[dict[str, Any]]:
 
 
 def overlap_over_union(truth: dict[str, Any], cells: list[dict[str, Any]]) -> float:
-    """Return the overlap over the union of areas in route x time.
+    """Return the overlap over the union of areas in route x time; a missing or empty time is all the time.
 
-    Args:
-        truth: `route_from_m`, `route_to_m`, and `time_from_s`, `time_to_s` if it has times.
-        cells: the same; a missing or empty time is all the time. Cells may overlap.
+    Cells may overlap.
     """
     if not cells:
         return 0.0

@@ -33,12 +33,9 @@ class CasePlan:
 
 
 def plan_cases(size: Size, roads: tuple[str, ...], seed: int) -> list[CasePlan]:
-    """Return the cases of a plan in random order.
+    """Return the cases of a plan in random order; whoever knows the seed knows the labels.
 
-    Args:
-        size: tiny (3 cases), quick (every effect at every level once) or full (four times, and more of the others).
-        roads: names of roads, in turn.
-        seed: whoever knows it knows the labels.
+    Tiny are 3 cases, quick is every effect at every level once, full four times, and more of the others.
     """
     rng = np.random.default_rng(seed)
     inside = [name for name, effect in EFFECTS.items() if not effect.is_outside]

@@ -54,12 +54,7 @@ def likely_set(case: Answered) -> tuple[str, ...]:
 
 
 def score(cases: Sequence[Answered], forest: Sequence[str]) -> list[Line]:
-    """Return the lines of the table.
-
-    Args:
-        cases: with labels and answers.
-        forest: what the random forest says of each.
-    """
+    """Return the lines of the table."""
     single = [case for case in cases if case.kind == "single"]
     clear = [case for case in single if case.level in ("medium", "strong")]
     of_kind: Callable[[str], list[Answered]] = lambda kind: [case for case in cases if case.kind == kind]  # noqa: E731

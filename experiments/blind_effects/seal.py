@@ -40,11 +40,7 @@ def file_hash(file: Path) -> str:
 
 
 def opened(seals: dict[str, str], key: dict[str, dict[str, Any]]) -> dict[str, Label]:
-    """Return the labels of sealed cases, each checked against its seal.
-
-    Args:
-        seals: seal of each case.
-        key: `salt` and `label` of each case.
+    """Return the labels of sealed cases, each checked against its seal; the key has `salt` and `label` of each case.
 
     Raises:
         SealBrokenError: a case has no key, or its label is not the one that was sealed.

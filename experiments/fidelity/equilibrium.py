@@ -43,13 +43,10 @@ NO_EQUILIBRIUM = {
 
 
 def speed_on_ring(model: CarFollowingModel, gap_m: float, disturbance: float = 0.0) -> float:
-    """Return the mean speed of vehicles on a ring after they have settled.
+    """Return the mean speed of vehicles of one model on a ring after they have settled.
 
-    Args:
-        model: one model for all.
-        gap_m: mean gap.
-        disturbance: how far the first gaps depart from it, relative. Where traffic is unstable, waves grow from it, and
-            the mean speed is no longer that of the equilibrium.
+    The first gaps depart from their mean by a relative disturbance. Where traffic is unstable, waves grow from it, and
+    the mean speed is no longer that of the equilibrium.
     """
     first = gap_m * (1.0 + disturbance * jnp.sin(jnp.arange(NUM_VEHICLES) * 2.0 * jnp.pi / NUM_VEHICLES))
     desired = jnp.full(NUM_VEHICLES, DESIRED_MPS)

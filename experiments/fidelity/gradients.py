@@ -106,10 +106,7 @@ class Drives:
 def agreements(problem: CalibrationProblem, num_batches: int, difference: float) -> list[Agreement]:
     """Return how derivatives and differences compare, for all measures that are quotients of tallies.
 
-    Args:
-        problem: the problem.
-        num_batches: batches of seeds.
-        difference: step of the differences, relative to the parameter's value.
+    Differences are taken over a step relative to the parameter's value.
     """
     drives, moments = Drives(problem), all_moments(problem.measures, problem.tally_index)
     base, names = problem.template.base_values(), problem.layout.names

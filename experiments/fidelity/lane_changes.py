@@ -49,14 +49,9 @@ def lane_change_table(data: Path) -> list[dict[str, Any]]:
 
 
 def scores(name: str, decisions: RecordedDecisions, margin: Number, goes: Flags, probability: Number) -> dict[str, Any]:
-    """Return the scores of one rule.
+    """Return the scores of one rule, from how good it finds each gap, in any unit, and whether it goes as stated.
 
-    Args:
-        name: of the rule.
-        decisions: what drivers did.
-        margin: how good the rule finds each gap, in any unit.
-        goes: whether it goes as stated.
-        probability: with which drivers go, by the rule, fitted on the other site.
+    The probability with which drivers go, by the rule, is fitted on the other site.
     """
     taken = decisions.is_accepted
     false_rate, true_rate, _ = roc_curve(taken, margin)

@@ -28,13 +28,7 @@ SUMO_MODELS: dict[str, dict[str, float]] = {
 
 
 def recorded_platoons(data: Path, model: str, per_set: int) -> Iterator[tuple[str, Platoon]]:
-    """Yield platoons behind recorded leaders, of each data set the first that may serve, with their names.
-
-    Args:
-        data: folder of the recordings.
-        model: SUMO's name of the car-following model.
-        per_set: platoons of each data set.
-    """
+    """Yield platoons behind recorded leaders, of each data set the first that may serve, with their names."""
     for name in DATA_SETS:
         table = pd.read_csv(data / "car_following" / f"{name}.csv.gz", usecols=["pair_id", "time_s", "v_lead_mps"])
         steps = NGSIM_STEPS if name.startswith("ngsim") else NUM_STEPS

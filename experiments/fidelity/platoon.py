@@ -69,13 +69,7 @@ def in_surrogate(platoon: Platoon, model: CarFollowingModel) -> Float[np.ndarray
 
 
 def in_sumo(platoon: Platoon, model: str, attributes: Mapping[str, float]) -> Float[np.ndarray, "step vehicle"]:
-    """Return front bumpers at the beginning of each step.
-
-    Args:
-        platoon: the vehicles.
-        model: SUMO's name of the car-following model.
-        attributes: of the followers' vType.
-    """
+    """Return front bumpers at the beginning of each step, with SUMO's model and its attributes for the followers."""
     written = " ".join(f'{name}="{value:.9g}"' for name, value in attributes.items())
     # followers look at how hard the leader may brake; the speed that is set for it obeys no limits
     decel = f'decel="{attributes["decel"]:.9g}" emergencyDecel="{max(9.0, attributes["decel"]):.9g}"'

@@ -10,12 +10,7 @@ COLORS = ("#1f6fb4", "#6fa8d6", "#16456e", "#e08a1e", "#c0504d", "#5b8c3a", "#9d
 
 
 def write_roc_figure(rows: list[dict[str, Any]], path: Path) -> None:
-    """Write the curves; a dot marks each rule with the parameters that its source states.
-
-    Args:
-        rows: of `lane_change_table`.
-        path: file, its format by its ending.
-    """
+    """Write the curves of `lane_change_table`; a dot marks each rule with the parameters that its source states."""
     with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": "jaxcalib", "font.size": 9.0}):
         figure = Figure(figsize=(5.6, 5.2), layout="constrained")
         axes = figure.add_subplot(aspect="equal")

@@ -96,14 +96,7 @@ def run_cases(
     num_runs: int,
     on_case: Callable[[], None],
 ) -> tuple[Evaluations, Evaluations]:
-    """Run all cases in the surrogate and in SUMO.
-
-    Args:
-        problem: the problem.
-        values: cases.
-        num_runs: runs of each in SUMO, at least; the surrogate makes four times as many.
-        on_case: told of each case that SUMO has run.
-    """
+    """Run all cases in SUMO, at least as often as asked, and four times as often in the surrogate."""
     departs_s = problem.departs_s("fit")
     surrogate = Evaluator(surrogate_engine(problem, SPARE_CAPACITY), departs_s, 0)
     one_round = surrogate.rounds_of(1)

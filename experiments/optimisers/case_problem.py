@@ -63,12 +63,7 @@ class CaseProblem:
     has_slopes = False  # tallies jump where vehicles change lanes or are counted; differences span the jumps
 
     def __init__(self, prepared: PreparedCase, seed: int) -> None:
-        """Keep what is shared.
-
-        Args:
-            prepared: the case.
-            seed: of the simulations.
-        """
+        """Keep what is shared."""
         self._prepared = prepared
         self._first_seed = (seed + 1) * SEEDS_PER_CALIBRATION  # those of seed 0 made the objective
         evaluator = Evaluator(prepared.engine, prepared.problem.departs_s("fit"), self._first_seed)
@@ -88,12 +83,7 @@ class CaseProblem:
         return box.box_of(box.held[None])[0]
 
     def evaluate(self, points: Points, first: int) -> Told:
-        """Return what becomes of candidates.
-
-        Args:
-            points: in the box, whose coordinates go from 0 to 1.
-            first: number of the first of them in the run; all share their seeds, so it changes nothing.
-        """
+        """Return what becomes of candidates of the unit cube; all share their seeds, whatever their numbers."""
         judged = self._run.judge(self._prepared.box.unit_of(points), self._prepared.num_runs, "study")
         residuals = np.where(judged.is_ok[:, None], judged.residuals, np.nan)
         return Told(points, judged.accuracy, residuals)

@@ -18,13 +18,7 @@ MARKERS = "osD^vP*X<>hpd"
 
 
 def draw_courses(summary: pd.DataFrame, budget: str, file: Path) -> None:
-    """Write one panel for each problem: median error at the checkpoints, with the interval at the last.
-
-    Args:
-        summary: as `summary_table` returns it.
-        budget: "simulations" or "wall_time".
-        file: SVG.
-    """
+    """Write one panel for each problem: median error at the checkpoints, with the interval at the last, as SVG."""
     chosen: Any = summary[(summary["budget"] == budget) & np.isfinite(summary["median"])]
     problems = list(dict.fromkeys(chosen["problem"]))
     optimisers = list(dict.fromkeys(summary["optimiser"]))
@@ -54,12 +48,7 @@ def draw_courses(summary: pd.DataFrame, budget: str, file: Path) -> None:
 
 
 def draw_ranks(ranks: pd.DataFrame, file: Path) -> None:
-    """Write mean ranks at the end of the budget, one panel for each problem and for all.
-
-    Args:
-        ranks: as `all_rank_tables` returns them, of one budget.
-        file: SVG.
-    """
+    """Write mean ranks of one budget at its end, one panel for each problem and for all, as SVG."""
 
     def draw(axes: Axes, problem: str) -> None:
         group: Any = ranks[ranks["problem"] == problem]

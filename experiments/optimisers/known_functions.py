@@ -108,12 +108,7 @@ class FunctionProblem:
         return float(np.sqrt(np.mean(self._residuals(points)[0] ** 2)))
 
     def evaluate(self, points: Points, first: int) -> Told:
-        """Return what becomes of candidates.
-
-        Args:
-            points: in the unit cube.
-            first: number of the first of them in the run, by which noise and failures differ.
-        """
+        """Return what becomes of candidates of the unit cube; noise and failures differ by their numbers in the run."""
         residuals, jacobian = self._residuals(points)
         number = residuals.shape[1]
         draws = [generator(self.seed, PROBLEM, 3, first + place) for place in range(len(points))]

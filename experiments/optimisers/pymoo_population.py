@@ -38,12 +38,7 @@ class PymooSearch(Optimiser):
     """A search of pymoo's, behind init, ask and tell."""
 
     def __init__(self, make: Callable[[Float[np.ndarray, "candidate parameter"]], Algorithm], size: int) -> None:
-        """Keep what makes it.
-
-        Args:
-            make: returns pymoo's algorithm for a first generation.
-            size: of a generation.
-        """
+        """Keep what makes pymoo's algorithm from a first generation."""
         self._make, self._size = make, size
 
     def init(self, setting: Setting) -> PymooState:

@@ -16,11 +16,7 @@ FEWEST_BLOCKS = 3
 def summary_table(rows: pd.DataFrame, seed: int = 0) -> pd.DataFrame:
     """Return median error with its 95 % interval for each problem, budget, checkpoint and optimiser.
 
-    The interval is the bootstrap's, over seeds.
-
-    Args:
-        rows: as `run_course` returns them.
-        seed: of the bootstrap.
+    The interval is the bootstrap's, over seeds; rows are those of `run_course`.
     """
     random = np.random.default_rng(seed)
     keys = ["problem", "budget", "share", "optimiser"]

@@ -22,12 +22,7 @@ LIBRARIES = ("jax", "numpy", "scipy", "scikit-learn", "optax", "pymoo", "cmaes",
 
 @contextmanager
 def open_study(path: Path, configuration: dict[str, Any], resume: bool) -> Iterator[None]:
-    """Hold a study's folder, begun or gone on with, for a block.
-
-    Args:
-        path: the folder; made if it is not there.
-        configuration: all that rows depend on.
-        resume: whether to go on with what is there.
+    """Hold a study's folder, begun or gone on with, for a block; the configuration is all that rows depend on.
 
     Raises:
         CaseError: the folder is in use, holds something else, or has been begun and `resume` is not set.

@@ -26,12 +26,8 @@ def write_drives(
 ) -> None:
     """Simulate each drive of a case in SUMO and write its two tables under the names that the case has for them.
 
-    Args:
-        problem: the case; its own logs are not looked at.
-        values: parameter values of the field that is simulated.
-        first_seed: seed of the first drive; each has one of its own.
-        folder: a copy of the case's folder; the tables in it are replaced.
-        num_processes: SUMO runs side by side; one for each core unless given.
+    The case's own logs are not looked at; the folder is a copy of its folder, whose tables are replaced. Each drive has
+    a seed of its own, and SUMO one process for each core unless given.
 
     Raises:
         RuntimeError: a drive failed in SUMO.
@@ -67,14 +63,7 @@ def write_drives(
 def log_tables(
     run: SumoRun, geometry: RouteGeometry, ahead_m: float, behind_m: float
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Return the two tables of Table 1 of the paper for a run.
-
-    Args:
-        run: frames at the sampling of the logs.
-        geometry: of the subject vehicle's route.
-        ahead_m: range of its sensors ahead.
-        behind_m: range behind.
-    """
+    """Return the two tables of Table 1 of the paper for a run at the sampling of the logs."""
     is_subject = run.vehicle == -1
     edge = geometry.edge_at(run.position_m)
     lane = _lane_number(geometry, edge, run.row)

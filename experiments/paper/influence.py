@@ -113,15 +113,8 @@ def influence_table(
 ) -> tuple[pd.DataFrame, dict[str, int]]:
     """Return the three indices of each parameter, and how many candidates each of them took.
 
-    Args:
-        accuracy_of: returns the accuracies of points of the unit cube, [candidate, parameter].
-        names: of the parameters.
-        trajectories: of Morris' design.
-        base_samples: of Saltelli's design, a power of 2.
-        seed: of both designs.
-        num_critical: K of Eq. 17.
-
-    A failed candidate counts like the worst that succeeded: SALib cannot do without it.
+    Accuracies are those of points of the unit cube, [candidate, parameter]. Saltelli's design takes a power of 2 as the
+    number of its base samples. A failed candidate counts like the worst that succeeded: SALib cannot do without it.
     """
     array = smallest_array(len(names))
     cases = accuracy_of(array.levels / (array.num_levels - 1))
@@ -148,12 +141,7 @@ def influence_table(
 
 
 def agreement(table: pd.DataFrame, num_critical: int) -> dict[str, float]:
-    """Return how far the range agrees with the other two: ranks of all parameters, and Eq. 37 of the K first.
-
-    Args:
-        table: of `influence_table`.
-        num_critical: K.
-    """
+    """Return how far the range agrees with the other two: ranks of all parameters, and Eq. 37 of the K first."""
     first = {name: table.nlargest(num_critical, name)["parameter"].tolist() for name in INDICES}
     found: dict[str, float] = {"similarity_by_chance": chance_similarity(num_critical, len(table))}
     for name in INDICES[1:]:

@@ -18,12 +18,7 @@ PAPER_THRESHOLD = 0.8  # Section 5.4
 
 
 def settings_of(method: str, common: Settings) -> Settings:
-    """Return the settings of one of the two-stage methods.
-
-    Args:
-        method: PRINTED, IMPROVED, or the name of an ablation.
-        common: settings that all methods share, such as bounds.
-    """
+    """Return the settings of a two-stage method: PRINTED, IMPROVED, or the name of an ablation."""
     if method == PRINTED:
         return msgspec.structs.replace(
             common,

@@ -62,10 +62,7 @@ def true_values(problem: CalibrationProblem, demand: Demand) -> np.ndarray:
 def prepare_pattern(problem: CalibrationProblem, number: int, folder: Path) -> Path:
     """Return the folder of a pattern's case; it is made if it is not there yet.
 
-    Args:
-        problem: the case.
-        number: 1 for its own field, 2 and up for the further entries of `DEMANDS`.
-        folder: where the cases of patterns lie.
+    Pattern 1 is the case's own field, 2 and up are the further entries of `DEMANDS`.
 
     Raises:
         CaseError: there is no such pattern.

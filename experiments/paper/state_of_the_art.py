@@ -55,18 +55,10 @@ def search(
     seed: int,
     on_best: Callable[[float], None],
 ) -> Float[np.ndarray, " parameter"]:
-    """Return the point of the unit cube that the memetic algorithm finds.
+    """Return the point of the unit cube that the memetic algorithm finds over the whole range of all parameters.
 
-    Args:
-        problem: the case.
-        space: all parameters; all are searched, over their whole ranges.
-        start: initial point, a candidate of the first generation.
-        evaluator: of the surrogate.
-        runs_per_candidate: runs of each.
-        most_runs: the search ends with the round that reaches so many runs.
-        threshold: the accuracy at which it ends; None for no such end.
-        seed: of its random numbers.
-        on_best: told the best accuracy after each round.
+    The start is a candidate of the first generation. The search ends with the round that reaches the most runs, or the
+    threshold of the accuracy, if there is one.
     """
     objective = volumes_and_speeds(problem)
     num_runs = evaluator.rounds_of(runs_per_candidate)

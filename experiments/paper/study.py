@@ -55,11 +55,6 @@ def run_study(
 ) -> list[Trial]:
     """Make all trials that are not there yet, and write what there is after each of them.
 
-    Args:
-        plan: what is to be done.
-        progress_of: returns who is told of a trial, by its name.
-        say: told of each trial that is done.
-
     Raises:
         CaseError: the case, the options or the folder are wrong.
     """

@@ -60,16 +60,7 @@ def run_trial(
 ) -> Trial:
     """Make a trial, or go on with it, or return it if it has been made.
 
-    Args:
-        method: its name.
-        pattern: number of the traffic pattern, for the record.
-        repetition: number of the repetition, for the record.
-        case: folder of the pattern's case.
-        folder: for the journal and the result.
-        seed: of all random numbers.
-        budget: factor on the numbers of runs, the same for all methods.
-        settings: what all methods share.
-        progress: told how far it is.
+    The folder holds journal and result; pattern and repetition are numbers for the record.
 
     Raises:
         CaseError: the case or the folder is wrong.
@@ -111,13 +102,6 @@ def find_values(
     settings: Settings,
 ) -> Found:
     """Return the values that a method finds.
-
-    Args:
-        method: its name.
-        problem: the pattern's case.
-        session: of the trial.
-        budget: factor on the numbers of runs.
-        settings: what all methods share.
 
     Raises:
         AllRunsFailedError: a simulator failed.

@@ -93,14 +93,7 @@ OFF_CENTRE_M = 0.4  # further from the centre of the lane, a vehicle is changing
 
 
 def look(frame: PerceptionFrame, memory: Memory, previous_s: Float[Array, ""], settings: MeasureSettings) -> Scene:
-    """The scene of a frame.
-
-    Args:
-        frame: the frame.
-        memory: what is remembered.
-        previous_s: time of the frame before; -inf if there was none.
-        settings: conventions.
-    """
+    """The scene of a frame; the frame before was at -inf if there was none."""
     valid, row, offset, speed = (
         frame.object_valid & frame.valid,
         frame.object_row,

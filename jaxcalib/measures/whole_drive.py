@@ -14,12 +14,7 @@ class WholeDriveFold:
     """
 
     def __init__(self, tally: DriveTally, num_frames: int) -> None:
-        """Prepare the fold.
-
-        Args:
-            tally: what to count.
-            num_frames: frames of the longest drive; a longer one is compiled for itself.
-        """
+        """Prepare the fold for the frames of the longest drive; a longer one is compiled for itself."""
         self._num_frames = num_frames
         self._program = jax.jit(lambda frames: tally.of_frames(frames))  # a bound method of a record is not hashable
 

@@ -48,9 +48,6 @@ def check_out(folder: Path) -> None:
 def writing_to(folder: Path) -> Iterator[None]:
     """Turn what the disk says within the block into one line.
 
-    Args:
-        folder: where is written to.
-
     Raises:
         ResourceError: the disk is full or broken.
         CaseError: the folder is not there, or must not be written to.

@@ -26,11 +26,7 @@ class Journal:
     """Outcomes of runs by what was asked, in memory and in part files."""
 
     def __init__(self, folder: Path | None) -> None:
-        """Read what is there.
-
-        Args:
-            folder: where parts lie; None keeps nothing.
-        """
+        """Read what is there; without a folder nothing is kept."""
         self._parts = None if folder is None else Parts.begin(folder)
         self._outcomes: dict[str, RunOutcome] = {}
         self._next_part = 0
@@ -60,13 +56,7 @@ class Journal:
         return time.perf_counter() + self._replayed_s
 
     def add(self, engine: str, outcomes: Sequence[RunOutcome], elapsed_s: float) -> None:
-        """Keep outcomes.
-
-        Args:
-            engine: name of the simulator.
-            outcomes: what came of runs.
-            elapsed_s: how long they took together.
-        """
+        """Keep outcomes."""
         keys = [key_of(engine, outcome.request) for outcome in outcomes]
         self._outcomes |= dict(zip(keys, outcomes, strict=True))
         # a simulator that died says nothing of the candidate: whoever resumes tries it again
@@ -134,15 +124,7 @@ class JournaledSumo:
     def start(
         self, requests: Sequence[RunRequest], on_run: Callable[[int], None] | None = None
     ) -> Callable[[], list[RunOutcome]]:
-        """Start runs in the background.
-
-        Args:
-            requests: what to run.
-            on_run: told of each run that has been waited for.
-
-        Returns:
-            What waits for all of them.
-        """
+        """Start runs in the background, and return what waits for all of them; `on_run` is told of each."""
         known = [self._journal.find("sumo", request) for request in requests]
         missing = [request for request, outcome in zip(requests, known, strict=True) if outcome is None]
         with writing_to_scratch():

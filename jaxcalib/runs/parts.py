@@ -49,9 +49,7 @@ class Parts:
     def read(self, name: str, load: Callable[[Path], Part]) -> Part | None:
         """Return a part; None where there is none, or only a damaged one, which is removed.
 
-        Args:
-            name: of its file.
-            load: reads the file; whatever it raises of `DAMAGE` says that the part is damaged.
+        Whatever `load` raises of `DAMAGE` says that the part is damaged.
         """
         file = self.file_of(name)
         if not file.is_file():
@@ -64,10 +62,6 @@ class Parts:
 
     def write(self, name: str, save: Callable[..., object]) -> None:
         """Keep a part.
-
-        Args:
-            name: of its file.
-            save: writes to an open binary file.
 
         Raises:
             ResourceError: the disk is full.

@@ -9,11 +9,7 @@ from jaxcalib.runs.run_folder import LIBRARIES
 
 
 def versions(*more: str) -> dict[str, str]:
-    """Return the version of the program and of the libraries that runs depend on.
-
-    Args:
-        more: names of further libraries.
-    """
+    """Return the version of the program and of the libraries that runs depend on."""
     return {name: metadata.version(name) for name in ("jaxcalib", *LIBRARIES, *more)}
 
 

@@ -56,12 +56,7 @@ class RunFolder:
 
 
 def open_run_folder(path: Path, identity: dict[str, str], resume: bool) -> RunFolder:
-    """Open or begin a RUN folder.
-
-    Args:
-        path: the folder; it is made if there is none.
-        identity: what the runs in it depend on.
-        resume: whether to go on with what is there.
+    """Open a RUN folder with what is there, or begin one; the identity is what its runs depend on.
 
     Raises:
         CaseError: the folder belongs to something else, is in use, cannot be written to, or has been begun and
@@ -91,10 +86,7 @@ def open_run_folder(path: Path, identity: dict[str, str], resume: bool) -> RunFo
 def identify(case: Case, options: dict[str, Any], more_packages: Sequence[Path] = ()) -> dict[str, str]:
     """Return digests of all that runs depend on: the case's files, the options, the program with its libraries.
 
-    Args:
-        case: the case.
-        options: what the user asked for.
-        more_packages: folders of code above this one that runs depend on, too.
+    More packages are folders of code above this one that runs depend on, too.
     """
     program = hashlib.sha256()
     below = (Path(p) for package in (sim_adapters, surrogate) for p in package.__path__)
@@ -120,12 +112,7 @@ def _add_files(digest: Any, folder: Path, pattern: str) -> None:
 
 
 def check_identity(file: Path, found: dict[str, Any], identity: dict[str, str]) -> None:
-    """Check that what was begun is what is asked for now.
-
-    Args:
-        file: where `found` stands, for messages.
-        found: identity of what was begun.
-        identity: identity of what is asked for.
+    """Check that what was begun is what is asked for now; the file says in messages where it stands.
 
     Raises:
         CaseError: they differ, or there is none in `found`.

@@ -83,12 +83,7 @@ def level_values(
 def points_from_levels(
     values: Float[np.ndarray, "parameter level"], levels: Int[np.ndarray, "case parameter"]
 ) -> Float[np.ndarray, "case parameter"]:
-    """Return the parameter values that belong to levels, one case per row.
-
-    Args:
-        values: the values of each parameter at its levels.
-        levels: 0 ... number of levels - 1.
-    """
+    """Return the parameter values that belong to levels, one case per row."""
     return values[np.arange(values.shape[0]), levels]
 
 

@@ -24,11 +24,7 @@ class CalibratedRun:
 
 
 def read_calibrated_run(run: Path, problem: CalibrationProblem) -> CalibratedRun:
-    """Return the calibrated values of RUN.
-
-    Args:
-        run: the folder that a calibration has left.
-        problem: the case that is to be validated.
+    """Return the calibrated values of RUN, the folder that a calibration has left.
 
     Raises:
         CaseError: there is no result, it is of another format, or its parameters are not those of the case.

@@ -23,14 +23,7 @@ ErrorOf = Callable[[np.ndarray, np.ndarray], float]
 def compare_measures(
     measures: Mapping[str, Measure], tally_names: tuple[str, ...], field: ObservedDrives, rounds: ObservedDrives
 ) -> Table:
-    """Return every measure: the field's value beside what rounds of as many simulated drives show.
-
-    Args:
-        measures: by name.
-        tally_names: names of the tallies.
-        field: one entry per drive.
-        rounds: [round, drive].
-    """
+    """Return every measure: the field's value beside what rounds of as many simulated drives show, [round, drive]."""
     real = dict(zip(tally_names, field.tally.sum(axis=0), strict=True))
     simulated = [dict(zip(tally_names, one, strict=True)) for one in rounds.tally.sum(axis=1)]
     table: Table = {}
@@ -58,12 +51,7 @@ def compare_measures(
 
 
 def compare_distributions(field: ObservedDrives, rounds: ObservedDrives) -> Table:
-    """Return how far each distribution is from the field's, and how far single rounds are from all others.
-
-    Args:
-        field: one entry per drive.
-        rounds: [round, drive].
-    """
+    """Return how far each distribution is from the field's, and how far single rounds are from all others."""
     table: Table = {}
     for name in BORDERS:
         per_round = rounds.histograms[name].sum(axis=1)
@@ -81,10 +69,6 @@ def compare_trajectories(field: ObservedDrives, rounds: ObservedDrives) -> Table
     """Return errors of single trajectories: simulated runs against the field's drive, and against one another.
 
     A simulation that drives as the field does is as far from the field's drive as its own runs are from each other.
-
-    Args:
-        field: one entry per drive.
-        rounds: [round, drive].
     """
     errors: dict[str, ErrorOf] = {
         "speed_rmse_mps": speed_rmse_mps,

@@ -28,11 +28,7 @@ NUM_COUNTS = sum(len(borders) - 1 for borders in BORDERS.values())
 
 
 def histograms(frames: PerceptionFrame) -> dict[str, Float[np.ndarray, " bin"]]:
-    """Return the counts of a drive; what lies beyond the borders counts in the outermost bins.
-
-    Args:
-        frames: stacked along a leading time axis.
-    """
+    """Return the counts of a drive's frames; what lies beyond the borders counts in the outermost bins."""
     valid = np.asarray(frames.object_valid) & np.asarray(frames.valid)[:, None]
     is_subject = np.asarray(frames.object_is_subject) & valid
     is_background = valid & ~is_subject
@@ -61,13 +57,7 @@ def histograms(frames: PerceptionFrame) -> dict[str, Float[np.ndarray, " bin"]]:
 def distances(name: str, one: Float[np.ndarray, " bin"], other: Float[np.ndarray, " bin"]) -> tuple[float, float]:
     """Return how far two distributions are apart: Kolmogorov-Smirnov, and Wasserstein-1 in the unit of the quantity.
 
-    Args:
-        name: of the quantity.
-        one: counts.
-        other: counts.
-
-    Returns:
-        Both; nan where one of the two is empty.
+    Both are nan where one of the two is empty.
     """
     if not one.sum() or not other.sum():
         return float("nan"), float("nan")

@@ -19,14 +19,7 @@ NUM_DRAWS = 1000  # of field-like sets, enough for p values of a few in a thousa
 def error_table(
     problem: CalibrationProblem, role: Role, simulated: ObservedDrives, outcomes: Sequence[RunOutcome]
 ) -> Table:
-    """Return each error with its 90 % interval, and how often chance alone makes as much.
-
-    Args:
-        problem: the problem.
-        role: of the drives.
-        simulated: [round, drive].
-        outcomes: of all runs.
-    """
+    """Return each error with its 90 % interval, and how often chance alone makes as much."""
     num_rounds, num_drives, num_tallies = simulated.tally.shape
     runs = FinalRuns(
         simulated.tally.reshape(-1, num_tallies), np.tile(np.arange(num_drives), num_rounds), tuple(outcomes)

@@ -27,11 +27,7 @@ class DayEnvelope:
 
 
 def day_envelope(days: Float[np.ndarray, "day interval"]) -> DayEnvelope:
-    """Return the envelope of several days.
-
-    Args:
-        days: at least three.
-    """
+    """Return the envelope of at least three days."""
     mean = days.mean(axis=0)
     scale = np.where(mean > 0.0, mean, 1.0)
     representative = int(np.argmin(np.mean(np.abs(days - mean) / scale, axis=1)))
@@ -43,13 +39,7 @@ def day_envelope(days: Float[np.ndarray, "day interval"]) -> DayEnvelope:
 def criteria_2019(
     days: Float[np.ndarray, "day interval"], simulated: Float[np.ndarray, " interval"], what: str
 ) -> list[Criterion]:
-    """Return the four criteria for one quantity at one place.
-
-    Args:
-        days: observed values of at least three days.
-        simulated: values of one simulated day.
-        what: quantity and place, for the names.
-    """
+    """Return the four criteria for one quantity at one place, from at least three observed days and a simulated one."""
     envelope = day_envelope(days)
     difference = simulated - envelope.observed
     note = f"{len(days)} days, {len(simulated)} intervals; representative day {envelope.representative + 1}"

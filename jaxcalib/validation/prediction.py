@@ -23,11 +23,7 @@ class Prediction:
 
 
 def predict(rounds: Float[np.ndarray, " round"], field: float) -> Prediction | None:
-    """Return the prediction for one more round; None for fewer than three.
-
-    Args:
-        rounds: one value per round of drives; nan where a round shows nothing.
-        field: what the field shows.
+    """Return the prediction for one more round; None for fewer than three. Rounds that show nothing are nan.
 
     Source: prediction interval for a normal quantity, Hahn & Meeker (1991), Statistical Intervals, sec. 4.7.
     """

@@ -16,11 +16,9 @@ def route_grid(length_m: float) -> Float[np.ndarray, " place"]:
 
 
 def passing_times_s(frames: PerceptionFrame, grid_m: Float[np.ndarray, " place"]) -> Float[np.ndarray, " place"]:
-    """Return when the subject vehicle passes each place, on the scenario's clock; nan where it does not.
+    """Return when the subject vehicle passes each place of its route, on the scenario's clock; nan where it does not.
 
-    Args:
-        frames: stacked along a leading time axis.
-        grid_m: places along the route.
+    Frames are stacked along a leading time axis.
     """
     valid = np.asarray(frames.valid)
     time_s = np.asarray(frames.time_s, float)[valid]
@@ -32,11 +30,9 @@ def passing_times_s(frames: PerceptionFrame, grid_m: Float[np.ndarray, " place"]
 
 
 def speed_rmse_mps(one: Float[np.ndarray, " place"], other: Float[np.ndarray, " place"]) -> float:
-    """Return the root mean square difference of speed over the cells that both have driven; nan for too few.
+    """Return the root mean square difference of speed, from passing times, over the cells that both have driven.
 
-    Args:
-        one: passing times.
-        other: passing times.
+    It is nan for too few.
     """
     speeds = [CELL_M / np.diff(times) for times in (one, other)]
     both = np.isfinite(speeds[0]) & np.isfinite(speeds[1])

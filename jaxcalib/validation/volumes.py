@@ -63,12 +63,7 @@ def sum_of_volumes(volumes: list[Volume]) -> tuple[float, float]:
 
 
 def volume_criteria(volumes: list[Volume], source: str) -> list[Criterion]:
-    """Return GEH and the criteria of 2004 for volumes.
-
-    Args:
-        volumes: at least one.
-        source: what they were counted with, for the notes.
-    """
+    """Return GEH and the criteria of 2004 for at least one volume; notes say with what they were counted."""
     simulated, field = (
         np.asarray([getattr(one, name) for one in volumes]) for name in ("simulated_vehph", "field_vehph")
     )

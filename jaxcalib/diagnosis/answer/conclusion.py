@@ -76,15 +76,7 @@ def refuse(
     runs: Mapping[str, int],
     wall_s: Mapping[str, float],
 ) -> Diagnosis:
-    """Return the diagnosis of drives that show too little.
-
-    Args:
-        problem: the problem.
-        values: calibrated values.
-        reason: what is lacking.
-        runs: numbers of runs.
-        wall_s: time of each part.
-    """
+    """Return the diagnosis of drives that show too little."""
     names = problem.layout.names
     return Diagnosis(
         verdict="not_testable",

@@ -71,12 +71,7 @@ class FrameRecorder(eqx.Module):
         return jnp.concatenate([number[None], state.subject.reshape(-1), state.objects.reshape(-1).astype(jnp.float32)])
 
     def table(self, observed: np.ndarray, interval_s: float) -> DriveTable:
-        """Return the drive that a run observed.
-
-        Args:
-            observed: what `finish` returned.
-            interval_s: time between two frames.
-        """
+        """Return the drive that a run observed, from what `finish` returned."""
         number = int(observed[0])
         end = 1 + self.num_frames * NUM_SUBJECT_VALUES
         subject = observed[1:end].reshape(self.num_frames, NUM_SUBJECT_VALUES)[:number].astype(np.float64)

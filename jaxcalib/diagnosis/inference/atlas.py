@@ -67,13 +67,7 @@ def slopes_of(layout: ParameterLayout, found: Mapping[str, DriveTallies], cells:
 
 
 def effect_trials(values: np.ndarray, num_runs: int, windows: Mapping[str, Sequence[Window]]) -> list[EffectTrial]:
-    """Return the trials of all effects that the surrogate shows, at medium and strong.
-
-    Args:
-        values: calibrated values.
-        num_runs: runs of each.
-        windows: places and times of local effects, by effect; an effect without any is not tried.
-    """
+    """Return the trials of all effects that the surrogate shows, medium and strong; local ones in their windows."""
     trials = []
     for effect in EFFECTS:
         if effect.is_sensor_s or effect.is_calibrated:

@@ -85,12 +85,9 @@ class BaselineMaker:
     bounds: tuple[np.ndarray, np.ndarray]
 
     def converged(self, values: np.ndarray) -> Converged:
-        """Return the baseline that agrees best with the drives to fit, with all its runs.
+        """Return the baseline that agrees best with the drives to fit, with all its runs, from calibrated values on.
 
         Which way to move takes fewer runs than to judge drives by them.
-
-        Args:
-            values: calibrated values, to begin with.
 
         Raises:
             NotTestableError: the drives show too little.
@@ -120,9 +117,6 @@ class BaselineMaker:
 
         After each move the surrogate says what it changed; what the drives still differ by asks for the next one. A
         move that does not come nearer is not made.
-
-        Args:
-            best: a baseline.
         """
         null, difference, values = best.fitted.null, best.fitted.difference, best.values
         sizes = parameter_steps(self.problem.layout, values)
@@ -174,11 +168,7 @@ class BaselineMaker:
         return replace(first, runs=runs, trials=trials, fitted=self._fitted(first.field, runs, trials))
 
     def at(self, values: np.ndarray, runner: TrialRunner | None) -> Baseline:
-        """Return the baseline at some values, with the first of its runs.
-
-        Args:
-            values: the values.
-            runner: of an earlier baseline, whose program serves again; None for a new one.
+        """Return the baseline at some values, with the first of its runs; the runner of an earlier one serves again.
 
         Raises:
             NotTestableError: the drives show too little.

@@ -74,13 +74,10 @@ class Contest:
 def confirmed(explained: Sequence[Explained], gains: Mapping[str, float]) -> list[Explained]:
     """Return explanations with what of their evidence other drives confirm, best first.
 
-    An effect's support is its evidence or its cross-validated gain, whichever is less. The best supported keeps its
-    evidence, against none and unknown, which predict nothing that could be judged so; the others lie behind it by what
-    they have less of support. An effect without support is worth no more than the baseline.
-
-    Args:
-        explained: explanations.
-        gains: cross-validated gains, by effect; an effect without one keeps its evidence.
+    An effect's support is its evidence or its cross-validated gain, whichever is less; one without a gain keeps its
+    evidence. The best supported keeps its evidence, against none and unknown, which predict nothing that could be
+    judged so; the others lie behind it by what they have less of support. An effect without support is worth no more
+    than the baseline.
     """
     none = next(explanation.log_evidence for explanation in explained if explanation.name == NONE)
     support = {
@@ -108,10 +105,6 @@ def without_needless_unknown(explained: Sequence[Explained], num_features: int) 
     That is where one effect takes away nearly all of the misfit, since shifts of any pattern fit a strong effect better
     than its own signature, which is never exact to the last detail; and where the best effect has more evidence than
     unknown and leaves no more than chance does.
-
-    Args:
-        explained: explanations, best first, with what other drives confirm.
-        num_features: behind the misfits.
     """
     none = next(explanation for explanation in explained if explanation.name == NONE)
     best = next((explanation for explanation in explained if explanation.name not in (NONE, UNKNOWN)), None)

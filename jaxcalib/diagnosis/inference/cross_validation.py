@@ -26,17 +26,9 @@ def cross_validated_gains(
     signatures: Mapping[str, Sequence[Signature]],
     num_places: Mapping[str, int],
 ) -> dict[str, float]:
-    """Gain of each effect in the log-likelihood of drives that it was not fitted to.
+    """Gain of each effect in the log-likelihood of drives that it was not fitted to, both halves together.
 
-    Args:
-        names: effects.
-        fitted: null model and features of all drives to fit.
-        prepare_some: makes the same for some of them.
-        signatures: of all effects.
-        num_places: how many places were looked at for each local effect.
-
-    Returns:
-        The gain of each effect, both halves together; empty where there are too few drives to tell.
+    Empty where there are too few drives to tell.
     """
     if len(fitted.tallies) < FEWEST_DRIVES:
         return {}

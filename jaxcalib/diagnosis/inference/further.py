@@ -34,17 +34,7 @@ def second_effect(
     """Return the effect that, together with the first, explains more than the first alone; None where none does.
 
     Both strengths are judged together, and what both signatures may be wrong by counts as noise: a first effect whose
-    strength took in part of the second gives it back.
-
-    Args:
-        difference: features of the drives less the simulation's, in units of noise.
-        null: the null model.
-        first: the best explanation.
-        signatures: of all effects that were tried.
-        num_places: how many places were looked at for each local effect.
-
-    Returns:
-        The second effect; its log evidence is the gain over the first alone.
+    strength took in part of the second gives it back. The log evidence of the second is the gain over the first alone.
     """
     if first.name not in signatures:
         return None
@@ -103,16 +93,7 @@ def next_steps(
     visible_with_more: Mapping[str, float | None],
     visible: Mapping[str, float | None],
 ) -> list[str]:
-    """Advice on what to try next, in sentences.
-
-    Args:
-        verdict: the verdict.
-        second: the second effect.
-        alike: for each effect those that leave nearly the same trace.
-        largest: the largest parts of the gap, in words.
-        visible_with_more: weakest visible strength of each effect with three more drives.
-        visible: the same with these drives.
-    """
+    """Advice on what to try next, in sentences; `largest` names the largest parts of the gap."""
     lines = []
     if verdict.kind == "effect":
         lines.append(f"Put {_words(verdict.effects[0])} into the simulation and calibrate again with it.")

@@ -47,12 +47,6 @@ def prepare(
 ) -> Prepared:
     """Return the null model for drives.
 
-    Args:
-        problem: the problem.
-        drives: tallies of the drives.
-        runs: SUMO runs with the calibrated values.
-        trials: trials of the parameters.
-
     Raises:
         NotTestableError: too few features are observed.
     """
@@ -90,15 +84,7 @@ def explanations(
     signatures: Mapping[str, Sequence[Signature]],
     num_places: Mapping[str, int],
 ) -> list[Explained]:
-    """Evidence of each explanation on the drives to fit, best first.
-
-    Args:
-        problem: the problem.
-        values: calibrated values.
-        prepared: null model and drives.
-        signatures: of all effects that were tried.
-        num_places: how many places were looked at for each local effect.
-    """
+    """Evidence of each explanation on the drives to fit, best first."""
     null, difference = prepared.null, prepared.difference
     none = explain_none(difference, null)
     explained = [none, explain_unknown(difference, null, groups_of(null.cells))]

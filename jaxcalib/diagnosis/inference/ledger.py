@@ -49,11 +49,6 @@ def make_ledger(values: np.ndarray, null: NullModel, random: np.random.Generator
     P-values are those of the largest of all standardised differences under the null model, so that they hold for all
     entries together.
 
-    Args:
-        values: features of the field.
-        null: the null model.
-        random: for the p-values.
-
     Source: single-step maximum statistic, Westfall & Young (1993), Resampling-Based Multiple Testing, ch. 2.
     """
     difference = null.standardised(values)

@@ -91,11 +91,7 @@ def spell_windows(
 ) -> tuple[list[Window], int]:
     """The best stretches and times for an effect that comes and goes; speeds by stretch and time decide.
 
-    Args:
-        difference: features of the drives less the simulation's, in units of noise.
-        null: the null model.
-        road: stretches and periods.
-        sign: 1 for where vehicles lose speed, -1 for where they gain.
+    With the sign 1 it is where vehicles lose speed, with -1 where they gain.
     """
     by_time = [
         (feature, cell.from_m, cell.to_m, cell.from_s)

@@ -36,17 +36,8 @@ def refine_places(
 ) -> dict[str, Sequence[Signature]]:
     """Return signatures with better places for the local effects among the best explanations.
 
-    The cost of looking is that of the first windows: they cover the road, and what is tried here lies between them.
-
-    Args:
-        difference: features of the drives less the simulation's, in units of noise.
-        null: the null model.
-        explained: explanations, best first.
-        signatures: of all effects that were tried.
-        values: calibrated values.
-        num_runs: of each trial.
-        lanes: all lanes, counted from the left.
-        run: makes trials; the baseline's tallies are among what it returns.
+    The cost of looking is that of the first windows: they cover the road, and what is tried here lies between them. The
+    baseline's tallies are among what `run` returns.
     """
     refined = dict(signatures)
     local = [
@@ -79,14 +70,7 @@ def refine_places(
 
 
 def neighbours(window: Window, step_m: float, step_s: float, lanes: Sequence[int]) -> list[Window]:
-    """Return windows that begin or end a step earlier or later, or in another lane.
-
-    Args:
-        window: where to look around.
-        step_m: step in place.
-        step_s: step in time.
-        lanes: lanes to try; none for the window's own only.
-    """
+    """Return windows that begin or end a step earlier or later, or lie in another of some lanes."""
     is_point = window.from_m == window.to_m
     windows = []
     for moved_from, moved_to in MOVES[:2] if is_point else MOVES:

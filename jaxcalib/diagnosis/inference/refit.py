@@ -61,12 +61,7 @@ class Refit:
     log_evidence: float  # logarithm of the marginal likelihood around the nearest runs, by Laplace's approximation
 
     def expected(self, null: NullModel, fitted: NullModel) -> np.ndarray:
-        """Difference of the features from the null's under the explanation, in units of noise.
-
-        Args:
-            null: the null model for the drives in question.
-            fitted: that for the drives to fit.
-        """
+        """Difference of the features from the null's under the explanation, in units of its noise."""
         return self.runs.difference(null)[0] + transfer(self.correction, fitted, null)
 
 

@@ -85,20 +85,9 @@ def differences_by_chance(
 def floor_of_drives(
     drives: DriveTallies, null: NullModel, gap: Gap, num_drives: int, num_runs: float, random: np.random.Generator
 ) -> float | None:
-    """Return the gap between so many drives and the mean of so many runs of a perfect simulation.
+    """Return the gap between so many drives and the mean of so many runs of a perfect simulation, from drives' halves.
 
-    It is unbiased for features that are linear in the tallies, whatever the drives have in common.
-
-    Args:
-        drives: the drives whose halves are compared.
-        null: the null model.
-        gap: measures gaps.
-        num_drives: number of drives that the floor is for.
-        num_runs: number of runs, those with one drive each.
-        random: draws the halves.
-
-    Returns:
-        The floor; None for too few drives.
+    It is unbiased for features that are linear in the tallies, whatever the drives have in common. None for too few.
     """
     if len(drives) < FEWEST_DRIVES:
         return None
@@ -170,13 +159,8 @@ def measure_shrinkage(
 def _interval(closed: np.ndarray, excess: np.ndarray, gap_above_floor: float, fraction: float) -> tuple[float, float]:
     """Return the interval of the fraction closed, from sets of runs, whose noise stands for that of the drives.
 
-    The noise of each set, and its products with what the effect closes and leaves, are taken off what was seen.
-
-    Args:
-        closed: gap that the effect closes, for each set.
-        excess: gap that it leaves above chance, for each set.
-        gap_above_floor: of the recalibrated simulation; at least half of it is there.
-        fraction: the estimate; it lies inside.
+    The noise of each set, and its products with what the effect closes and leaves above chance, are taken off what was
+    seen. At least half of the gap above the floor is there.
     """
     excess = np.maximum(excess, 0.0)
     shares = np.minimum(closed / np.maximum(closed + excess, 0.5 * gap_above_floor), 1.0)

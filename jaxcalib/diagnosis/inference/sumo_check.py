@@ -57,13 +57,7 @@ def check_in_sumo(
 ) -> Checked:
     """Check the best explanations, one after the other, until the best two are checked or exact already.
 
-    Args:
-        null: the null model.
-        plain: SUMO runs without any effect.
-        signatures: of all effects.
-        explain: from signatures to explanations, best first.
-        is_expressible: whether SUMO can express an effect.
-        run: makes SUMO's runs with an effect; None where they fail, and the surrogate's word must do.
+    Where `run` returns None, SUMO's runs failed, and the surrogate's word must do.
     """
     known = dict(signatures)
     explained = list(explain(known))
@@ -111,13 +105,7 @@ def corrected(
     """Return a signature that SUMO's corrects: at the strength that was run the precision-weighted mean of both.
 
     At other strengths, and for the same effect at another rhythm, the correction counts in proportion to the strength.
-
-    Args:
-        signature: what to correct.
-        best: the signature whose effect was run.
-        strength: at which it was run.
-        shift: what SUMO showed.
-        error: its standard error; inf where it showed nothing.
+    The error is inf where SUMO showed nothing.
     """
     own, own_error = best.at(strength)
     own_variance = (SIGNATURE_ERROR * best.exactness * own) ** 2 + own_error**2

@@ -33,12 +33,7 @@ class Verdict:
 
 
 def probabilities(explained: Sequence[Explained], least_gain: float) -> dict[str, float]:
-    """Return the probability of each explanation, none and unknown among them.
-
-    Args:
-        explained: all explanations.
-        least_gain: gain of the best of them over the baseline that no single drive makes.
-    """
+    """Return the probability of each explanation, none and unknown among them; for the least gain see `judge`."""
     names = [explanation.name for explanation in explained]
     none = explained[names.index(NONE)].log_evidence
     num_effects = max(len(names) - 2, 1)

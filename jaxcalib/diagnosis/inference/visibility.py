@@ -45,14 +45,7 @@ def atlas_of(
     num_drives: int,
     num_places: Mapping[str, int],
 ) -> dict[str, AtlasEntry]:
-    """Return the atlas.
-
-    Args:
-        signatures: of all effects; of local ones and rhythms the strongest signature speaks for the rest.
-        null: the null model.
-        num_drives: drives in the field.
-        num_places: how many places and times were looked at for each local effect.
-    """
+    """Return the atlas; of local effects and rhythms the strongest signature speaks for the rest."""
     precision, raw = np.linalg.inv(null.covariance), np.linalg.inv(null.noise)
     by_chance, alike_error = raw * null.noise, alike_errors(null)
     random = np.random.default_rng(0).standard_normal((len(precision) + 1, NUM_FIELDS))
@@ -128,9 +121,7 @@ class _Judge:
     def power(self, strength: float, random: np.ndarray) -> float:
         """Return the share of fields with the effect whose evidence for it suffices.
 
-        Args:
-            strength: of the effect.
-            random: standard normal numbers, [feature, field]; the last row for how strong the traces are.
+        Random are standard normal numbers, [feature, field]; the last row says how strong the traces are.
         """
         known = self.strengths[1:]
         not_true = 1.0 - np.interp(strength, known, self._true_shares)
@@ -147,12 +138,7 @@ class _Judge:
 def _true_shares(one: Signature, inverse: np.ndarray, by_chance: np.ndarray) -> list[float]:
     """Share of a measured signature that is no chance of its runs, on the average, at each known strength but 0.
 
-    Source: the factor of James & Stein (1961), positive part; errors count as correlated as the noise is.
-
-    Args:
-        one: the signature.
-        inverse: of the noise.
-        by_chance: the same times the noise, element by element.
+    `inverse` is that of the noise, and `by_chance` the same times the noise, element by element.
     """
     shares = []
     for shift, error in zip(one.shift[1:], one.error[1:], strict=True):

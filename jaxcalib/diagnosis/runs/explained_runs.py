@@ -60,7 +60,11 @@ class ExplainedRuns:
 
 @dataclass(frozen=True)
 class ExplainedRunner:
-    """Makes runs that contain an effect."""
+    """Makes runs that contain an effect.
+
+    A signature tells its name, sign, place and time; steps are the shift of the parameters from the calibrated values,
+    and a strength is a size.
+    """
 
     problem: CalibrationProblem
     values: np.ndarray  # calibrated values
@@ -73,13 +77,7 @@ class ExplainedRunner:
     num_runs: int  # of each trial in the surrogate
 
     def in_surrogate(self, signature: Signature, steps: np.ndarray, strength: float) -> ExplainedRuns | None:
-        """Return the surrogate's runs with an effect; None where they fail, or do not show it.
-
-        Args:
-            signature: of the effect; it tells name, sign, place and time.
-            steps: shift of the parameters from the calibrated values, in steps.
-            strength: size of the effect's strength.
-        """
+        """Return the surrogate's runs with an effect; None where they fail, or do not show it."""
         if effect_named(signature.effect).is_sensor_s:
             return None
         trial = self._trial(signature, moved_values(self.values, self._step_sizes, steps), strength)
@@ -88,13 +86,7 @@ class ExplainedRunner:
         return made if has_pairs(found[trial.name], found[BASELINE]) else None
 
     def in_sumo(self, signature: Signature, steps: np.ndarray, strength: float) -> ExplainedRuns | None:
-        """Return SUMO's runs with an effect; None where they fail, or where it has no means for the effect.
-
-        Args:
-            signature: of the effect.
-            steps: shift of the parameters from the calibrated values, in steps.
-            strength: size of the effect's strength.
-        """
+        """Return SUMO's runs with an effect; None where they fail, or where it has no means for the effect."""
         is_sensor_s = effect_named(signature.effect).is_sensor_s
         if not is_sensor_s and not is_expressible(self.problem.scenario, signature.effect):
             return None
@@ -103,12 +95,7 @@ class ExplainedRunner:
         return None if tallies is None else ExplainedRuns(tallies)
 
     def recalibrated(self, signature: Signature, strength: float) -> np.ndarray | None:
-        """Return the shift of the parameters, in steps, that a calibration finds with an effect in; None if it fails.
-
-        Args:
-            signature: of the effect.
-            strength: size of the effect's strength.
-        """
+        """Return the shift of the parameters, in steps, that a calibration with an effect finds; None if it fails."""
         if effect_named(signature.effect).is_sensor_s:
             return None
         values = self.recalibrate({signature.effect: _setting(signature, strength)})
@@ -117,14 +104,8 @@ class ExplainedRunner:
     def slopes(self, signature: Signature, steps: np.ndarray, strength: float, known: np.ndarray) -> np.ndarray:
         """Change of the features with each parameter's step and with the strength, once the effect is in.
 
-        A sensor's effect leaves traffic as it is, so that what is known of the parameters holds.
-
-        Args:
-            signature: of the effect.
-            steps: shift of the parameters from the calibrated values, in steps.
-            strength: size of the effect's strength.
-            known: the same slopes as known so far, [feature, parameter and strength], in units of noise; for what the
-                surrogate does not show.
+        [feature, parameter and strength], in units of noise. What the surrogate does not show stays as known; a
+        sensor's effect leaves traffic as it is, so that all that is known of the parameters holds.
         """
         if effect_named(signature.effect).is_sensor_s:
             return known

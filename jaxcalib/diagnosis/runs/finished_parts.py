@@ -15,19 +15,13 @@ class FinishedParts:
     """Finished parts, by name."""
 
     def __init__(self, folder: Path | None) -> None:
-        """Begin or go on.
-
-        Args:
-            folder: where parts lie; None keeps nothing.
-        """
+        """Begin or go on in a folder; None keeps nothing."""
         self._parts = None if folder is None else Parts.begin(folder)
 
     def tallies(self, name: str, make: Callable[[], Mapping[str, DriveTallies]]) -> dict[str, DriveTallies]:
         """Return the tallies of a part, made only if they are not there yet.
 
-        Args:
-            name: of the part; it names all that the part depends on beside case, options and program.
-            make: makes them.
+        Its name says all that it depends on beside case, options and program.
         """
         if self._parts is None:
             return dict(make())

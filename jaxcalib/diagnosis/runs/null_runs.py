@@ -41,12 +41,7 @@ class TableFold:
     """Keeps the tallies of each run; SUMO's adapter wants numbers, so it is given a ticket."""
 
     def __init__(self, interval_s: float, count: Callable[[DriveTable], dict[tuple[str, float], TallyBook]]) -> None:
-        """Prepare.
-
-        Args:
-            interval_s: time between frames.
-            count: from a drive to its tallies, by effect and strength.
-        """
+        """Prepare; `count` returns the tallies of a drive, by effect and strength."""
         self._interval_s = interval_s
         self._count = count
         self.books: list[dict[tuple[str, float], TallyBook]] = []
@@ -71,11 +66,7 @@ def fine_interval_s(problem: CalibrationProblem) -> float:
 
 
 def alterations_of(interval_s: float) -> list[tuple[str, float]]:
-    """Which effects at which strengths are put into the null runs.
-
-    Args:
-        interval_s: interval of the logs; slower logs do not show when drivers act.
-    """
+    """Which effects at which strengths are put into the null runs; slow logs do not show when drivers act."""
     chosen: list[tuple[str, float]] = []
     for effect in EFFECTS:
         if effect.is_sensor_s:

@@ -18,25 +18,12 @@ class TrialBook:
         known: Mapping[str, DriveTallies],
         on_runs: Callable[[int], None],
     ) -> None:
-        """Begin with the trials of the parameters.
-
-        Args:
-            runner: makes trials.
-            parts: keeps them for a diagnosis that goes on.
-            key: tells the baseline from others.
-            known: tallies by the trial's name.
-            on_runs: told of runs done.
-        """
+        """Begin with the trials that are known, by name; the key tells this baseline from others."""
         self._runner, self._parts, self._key, self._on_runs = runner, parts, key, on_runs
         self._tallies = dict(known)
 
     def run(self, part: str, trials: Sequence[Trial]) -> Mapping[str, DriveTallies]:
-        """Make the trials that are not known yet, and return the tallies of all that are, by name.
-
-        Args:
-            part: what the trials are for.
-            trials: the trials.
-        """
+        """Make the trials that are not known yet, and return the tallies of all that are, by name."""
         fresh = [trial for trial in trials if trial.name not in self._tallies]
         if fresh:
             name = f"{part} {self._key} {[trial.name for trial in fresh]!r}"

@@ -14,13 +14,7 @@ FRAMES_STEP = 128
 
 
 def trial_runner(problem: CalibrationProblem, features: DriveFeatures, first_seed: int) -> TrialRunner:
-    """The maker of trials of a problem.
-
-    Args:
-        problem: the problem.
-        features: what is counted in each run.
-        first_seed: seed of each trial's first run.
-    """
+    """The maker of trials of a problem."""
     longest_s = problem.parts.scenario.duration_s - min(drive.depart_s for drive in problem.case.drives)
     num_frames = FRAMES_STEP * int(np.ceil((longest_s / FRAME_INTERVAL_S + 2) / FRAMES_STEP))
     recorder = FrameRecorder(num_frames, PLACES_FOR_OBJECTS)

@@ -81,12 +81,8 @@ def paired_difference(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Difference of the features between two trials, its standard error, and per-run influences of the first.
 
-    Runs with the same seed are pairs; a pair of which one run failed is left out.
-
-    Args:
-        one: tallies of a trial.
-        other: tallies of the trial that is taken off.
-        cells: the features wanted; those that one of the trials lacks get 0 and an infinite error.
+    Runs with the same seed are pairs; a pair of which one run failed is left out. Cells that one of the trials lacks
+    get 0 and an infinite error.
     """
     runs, size = pairs_of(one, other), len(cells)
     difference, error = np.zeros(size), np.full(size, np.inf)

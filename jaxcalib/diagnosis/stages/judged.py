@@ -40,14 +40,7 @@ class Judged:
 
 
 def judge_drives(session: DiagnosisSession, baseline: Baseline, contest: Contest, checked: Checked) -> Judged:
-    """Judge the drives to fit.
-
-    Args:
-        session: the session.
-        baseline: the calibrated simulation.
-        contest: judges explanations.
-        checked: the explanations.
-    """
+    """Judge the drives to fit."""
     problem, is_fit, fitted = session.problem, session.is_fit, baseline.fitted
     with session.stopwatch.time("evidence"):
         gain = best_gain(checked.explained)

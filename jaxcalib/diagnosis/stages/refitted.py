@@ -40,16 +40,7 @@ def refit_best(
     checked: Checked,
     judged: Judged,
 ) -> Refitted:
-    """Fit the best explanations again, where the verdict says that there is something to explain.
-
-    Args:
-        session: the session.
-        calibrated: the search without effects.
-        baseline: the calibrated simulation.
-        book: makes trials.
-        checked: the explanations.
-        judged: the first verdict.
-    """
+    """Fit the best explanations again, where the verdict says that there is something to explain."""
     if judged.verdict.kind in ("no_gap", "miscalibrated"):
         return Refitted(checked.explained, judged.verdict, {})
     session.progress.stage("refit")

@@ -67,13 +67,7 @@ class DiagnosisSession:
 
 
 def begin_session(problem: CalibrationProblem, budget: float, work: Session) -> DiagnosisSession:
-    """A session, whose numbers of runs its progress has been told of.
-
-    Args:
-        problem: the problem.
-        budget: factor on the numbers of runs.
-        work: folder, seeds, progress and time of the command.
-    """
+    """A session, whose numbers of runs its progress has been told of."""
     plan, calibration = plan_diagnosis(budget), plan_budget(problem, RECALIBRATION_SCALE * budget)
     num_parameters = len(problem.layout.names)
     num_trial_runs = (2 * num_parameters + 1) * plan.slope_runs + 2 * len(EFFECTS) * plan.effect_runs

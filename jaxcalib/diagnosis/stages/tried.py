@@ -29,13 +29,7 @@ class Tried:
 
 
 def try_effects(session: DiagnosisSession, baseline: Baseline, book: TrialBook) -> Tried:
-    """Try every effect of the registry and judge the drives to fit by it.
-
-    Args:
-        session: the session.
-        baseline: the calibrated simulation.
-        book: makes trials.
-    """
+    """Try every effect of the registry and judge the drives to fit by it."""
     values, plan, fitted = baseline.values, session.plan, baseline.fitted
     session.progress.stage("atlas")
     with session.stopwatch.time("atlas"):

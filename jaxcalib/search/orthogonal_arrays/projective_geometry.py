@@ -51,10 +51,6 @@ def projective_points(order: int, num_coordinates: int) -> Int[np.ndarray, "poin
 def projective_geometry(order: int, num_coordinates: int) -> ProjectiveGeometry:
     """Return the points and the lines of PG(num_coordinates - 1, order).
 
-    Args:
-        order: one of `FIELD_ORDERS`.
-        num_coordinates: n >= 2.
-
     Source: Hedayat, Sloane & Stufken (1999), Orthogonal Arrays, ch. 3 (Rao-Hamming construction).
     """
     field = galois_field(order)

@@ -38,11 +38,7 @@ def simulate_null_ranges(
 ) -> Float[np.ndarray, " draw"]:
     """Return draws of max - min of level means that consist of noise alone.
 
-    Args:
-        level_standard_error: standard error of each level mean, >= 0.
-        degrees_of_freedom: of the variance behind the standard errors; inf if it is known.
-        num_draws: number of draws.
-        rng: source of the random numbers.
+    The degrees of freedom are those of the variance behind the standard errors; inf if it is known.
 
     Source: not in the paper. With equal standard errors this is the studentised range (Tukey), times the error.
     """

@@ -15,10 +15,6 @@ def windowed_weights(
 
     Adding a constant to all accuracies, or scaling them, does not change the probabilities.
 
-    Args:
-        accuracy: at most 1, any sign; not looked at where the candidate failed.
-        is_successful: whether the candidate was evaluated.
-
     Source: Eq. 19.
     Deviation: Eq. 19 uses f itself, which gives probabilities below 0 or above 1 as soon as an accuracy is negative.
     """
@@ -40,10 +36,6 @@ def ranked_weights(
     One very bad candidate does not level the others, as it does with `windowed_weights`. Equal accuracies share the
     mean of their ranks.
 
-    Args:
-        accuracy: at most 1, any sign; not looked at where the candidate failed.
-        is_successful: whether the candidate was evaluated.
-
     Source: linear ranking, Baker (1985).
     Deviation: replaces Eq. 19.
     """
@@ -59,10 +51,6 @@ def literal_weights(
     accuracy: Float[np.ndarray, " candidate"], is_successful: Bool[np.ndarray, " candidate"]
 ) -> Float[np.ndarray, " candidate"] | None:
     """Return the weights of Eq. 19 as printed, or None where they are no probabilities.
-
-    Args:
-        accuracy: at most 1, any sign; not looked at where the candidate failed.
-        is_successful: whether the candidate was evaluated; failed candidates weigh nothing.
 
     Source: Eq. 19.
     """
@@ -105,11 +93,7 @@ def blend_crossover(
 ) -> tuple[Float[np.ndarray, " parameter"], Float[np.ndarray, " parameter"]]:
     """Return two offspring, each gene uniform between the parents' genes and a share alpha of their distance beyond.
 
-    Args:
-        parent_a: in the unit cube.
-        parent_b: in the unit cube.
-        alpha: >= 0; 0.5 keeps the spread of the population on average.
-        rng: source of the random numbers.
+    Parents lie in the unit cube; alpha 0.5 keeps the spread of the population on average.
 
     Source: BLX-alpha, Eshelman & Schaffer (1993); the paper does not say which crossover it uses.
     Deviation: offspring beyond the unit cube are reflected into it.
@@ -125,11 +109,6 @@ def uniform_crossover(
 ) -> tuple[Float[np.ndarray, " parameter"], Float[np.ndarray, " parameter"]]:
     """Return two offspring that share out the parents' genes, each gene to either with probability 1/2.
 
-    Args:
-        parent_a: any values.
-        parent_b: any values.
-        rng: source of the random numbers.
-
     Source: Syswerda (1989); the paper does not say which crossover it uses.
     """
     is_swapped = rng.random(parent_a.shape[0]) < 0.5
@@ -137,11 +116,7 @@ def uniform_crossover(
 
 
 def mutate(candidate: Float[np.ndarray, " parameter"], rng: np.random.Generator) -> Float[np.ndarray, " parameter"]:
-    """Return the candidate with two genes drawn anew, uniformly in [0, 1); with the only gene if there is one.
-
-    Args:
-        candidate: in the unit cube.
-        rng: source of the random numbers.
+    """Return a candidate of the unit cube with two genes drawn anew in [0, 1); with the only gene if there is one.
 
     Source: Section 4.3.2 iii ("modifies the values of two parameters").
     Deviation: the paper does not say how; uniform over the range of the parameter is the plainest choice.

@@ -86,12 +86,6 @@ def compare_points(
     With r = mu + e and var e = v, the variance of w r^2 is w^2 (4 mu^2 v + 2 v^2), of which w^2 (4 r^2 v - 2 v^2) is
     an unbiased estimate; their sum is kept from falling below that of mu = 0. Points that share random seeds are
     compared more precisely than this.
-
-    Args:
-        evaluated: holds both points.
-        old: in the unit cube.
-        new: in the unit cube.
-        prior: on the parameters, if any.
     """
     weights = measure_weights(evaluated)
     improvement, variance, least_variance = 0.0, 0.0, 0.0
