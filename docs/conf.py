@@ -1,6 +1,7 @@
 """The site: `sphinx-build -W --keep-going docs site`. Every warning, so every dead link, ends the build."""
 
 import re
+import sys
 from importlib.metadata import version as version_of
 from pathlib import Path
 
@@ -8,6 +9,10 @@ from sphinx.application import Sphinx
 
 from surrogate.effects.base import Effect
 from surrogate.effects.registry import EFFECTS
+
+sys.path.append(str(Path(__file__).parent))
+
+import parameter_tables
 
 RECORDS = Path(__file__).parents[1] / "experiments" / "results"
 
@@ -32,7 +37,7 @@ def setup(app: Sphinx) -> None:
 
 
 def complete(app: Sphinx, page: str, source: list[str]) -> None:
-    """Put in what the repository shows elsewhere: the tables of records and of effects.
+    """Put in what the repository shows elsewhere: the tables of records, effects and parameters.
 
     Links to a record, which lead to its file in the repository, lead to its place on the page of records.
     """
@@ -40,7 +45,8 @@ def complete(app: Sphinx, page: str, source: list[str]) -> None:
     text = re.sub(r"\[([^\]]*)\]\(\.\./[A-Z]+\.md\)", r"\1", text)
     if page == "records":
         text += "".join(record(file) for file in sorted(RECORDS.glob("*.md")))
-    source[0] = text.replace("<!-- table of effects -->", table_of_effects())
+    text = text.replace("<!-- table of effects -->", table_of_effects())
+    source[0] = parameter_tables.completed(text) if page == "parameters" else text
 
 
 def record(file: Path) -> str:

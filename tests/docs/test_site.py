@@ -6,9 +6,13 @@ import subprocess
 import sys
 import tomllib
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
+from jaxcalib.problem.parameter_space import ranges_of
+from sim_adapters.scenario.sumo_names import SUMO_MODELS
+from surrogate.car_following.registry import CAR_FOLLOWING_MODELS
 from tests.places import ROOT
 
 PAGES = sorted((ROOT / "docs").glob("*.md"))
@@ -58,13 +62,33 @@ def test_files_that_a_page_names_exist(page: Path) -> None:
         assert (ROOT / name).exists(), f"{page.name}: {name}"
 
 
-def test_the_picture_of_the_architecture_is_that_of_the_contracts() -> None:
-    spec = importlib.util.spec_from_file_location("draw_floors", ROOT / "docs" / "draw_floors.py")
+def script(name: str) -> ModuleType:
+    """Return a script of the docs as a module."""
+    spec = importlib.util.spec_from_file_location(name, ROOT / "docs" / f"{name}.py")
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
+    return module
+
+
+def test_the_picture_of_the_architecture_is_that_of_the_contracts() -> None:
+    module = script("draw_floors")
     assert module.PICTURE.read_text(encoding="utf-8") == module.drawing(), "python docs/draw_floors.py"
+
+
+def test_the_page_of_parameters_is_completed_with_all_that_may_be_searched_or_fitted() -> None:
+    module = script("parameter_tables")
+    text = module.completed(module.PAGE.read_text(encoding="utf-8"))
+    assert "<!--" not in text
+    rows = [line.split(" | ") for line in text.splitlines() if line.startswith("| `")]
+    for model in SUMO_MODELS:
+        named = {row[0].strip("| `") for row in rows if model in re.split(r" \*|, ", row[1]) or row[1] == "all *"}
+        assert named >= set(ranges_of(model))
+    for entry in CAR_FOLLOWING_MODELS:
+        named = {row[0].strip("| `") for row in rows if len(row) == 5 and entry.name in row[1].split(", ")}
+        assert named == {row.name for row in entry.parameters}
+        assert entry.source in text
 
 
 def test_the_version_has_a_dated_heading_in_the_changelog() -> None:

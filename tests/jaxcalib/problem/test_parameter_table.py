@@ -1,11 +1,10 @@
-"""The one table of parameters: its page is up to date, and its rows say what the models have."""
+"""The one table of parameters: its rows say what the models have."""
 
 import dataclasses
 
 import pytest
 
 from jaxcalib.problem.parameter_space import default_parameters, ranges_of, slope_share
-from jaxcalib.problem.parameter_table import PAGE, page
 from sim_adapters.scenario.sumo_names import SUMO_MODELS, attribute_values, attributes_of, parameter_of
 from surrogate.car_following.registry import CAR_FOLLOWING_MODELS
 from surrogate.lane_change.registry import LANE_CHANGE_MODELS
@@ -15,10 +14,6 @@ from surrogate.vehicle.vehicle_class import DESIRED_SPEED
 ENTRIES = (*CAR_FOLLOWING_MODELS, *LANE_CHANGE_MODELS)
 every_entry = pytest.mark.parametrize("entry", ENTRIES, ids=lambda entry: entry.name)
 every_sumo_model = pytest.mark.parametrize("model", SUMO_MODELS)
-
-
-def test_the_page_is_what_the_command_writes() -> None:
-    assert PAGE.read_text(encoding="utf-8") == page(), "write it anew: python -m jaxcalib.problem.parameter_table"
 
 
 @every_entry

@@ -1,6 +1,6 @@
-"""Writes docs/parameters.md: every parameter with its names, unit, ranges and defaults, as the program has them.
+"""The tables of docs/parameters.md: every parameter with its names, unit, ranges and defaults, as the program has them.
 
-`python -m jaxcalib.problem.parameter_table` writes the page anew.
+The site has them in place of the comments of that page; `python docs/parameter_tables.py` prints the page with them.
 """
 
 from collections.abc import Iterator
@@ -10,37 +10,26 @@ from jaxcalib.problem.parameter_space import default_parameters, ranges_of
 from sim_adapters.scenario.sumo_names import CLASS_DEFAULTS, SUMO_MODELS, attributes_of, parameter_of
 from surrogate.car_following.registry import CAR_FOLLOWING_MODELS
 
-PAGE = Path(__file__).parents[2] / "docs" / "parameters.md"
+PAGE = Path(__file__).parent / "parameters.md"
 PASSENGER = CLASS_DEFAULTS["passenger"]
 
-INTRODUCTION = """# Parameters
 
-Written by `python -m jaxcalib.problem.parameter_table`.
-
-## Calibrated with traffic
-
-What `[behaviour].parameters` and `[bounds]` may name: SUMO's vType attributes, and what they are in the surrogate. A
-star marks what is calibrated where the case names nothing, "log" a logarithmic scale. Defaults are SUMO's for passenger
-cars. Diagnosis takes slopes over steps of this share of the value.
-"""
-PAIRS = """
-## Fitted to leader-follower pairs
-
-What `jaxcalib fit-following --model` fits, and what `[subject].parameters` may set. These are values of one driver; his
-range is not that of a whole class in traffic.
-"""
-
-
-def page() -> str:
-    """Return the page."""
-    lines = [INTRODUCTION, *_head("attribute", "models", "parameter", "default", "bounds", "unit", "step")]
-    lines += _traffic_rows()
-    lines += [PAIRS, *_head("parameter", "models", "usual", "range", "unit")]
-    lines += _pair_rows()
-    lines += ["", "Sources of the ranges:", ""]
-    for source in dict.fromkeys(entry.source for entry in CAR_FOLLOWING_MODELS if entry.source):
-        lines.append(f"- {_names(entry.name for entry in CAR_FOLLOWING_MODELS if entry.source == source)}: {source}")
-    return "\n".join([*lines, ""])
+def completed(text: str) -> str:
+    """Return a page with tables in place of its comments."""
+    traffic = [*_head("attribute", "models", "parameter", "default", "bounds", "unit", "step"), *_traffic_rows()]
+    pairs = [*_head("parameter", "models", "usual", "range", "unit"), *_pair_rows()]
+    sources = dict.fromkeys(entry.source for entry in CAR_FOLLOWING_MODELS if entry.source)
+    listed = [
+        f"- {_names(entry.name for entry in CAR_FOLLOWING_MODELS if entry.source == source)}: {source}"
+        for source in sources
+    ]
+    for name, lines in (
+        ("table of parameters in traffic", traffic),
+        ("table of parameters of pairs", pairs),
+        ("sources of ranges", listed),
+    ):
+        text = text.replace(f"<!-- {name} -->", "\n".join(lines))
+    return text
 
 
 def _traffic_rows() -> Iterator[str]:
@@ -52,10 +41,10 @@ def _traffic_rows() -> Iterator[str]:
             row = parameter_of(model, attribute)
             if row is None:
                 continue
-            one, default = ranges[name], PASSENGER.get(name, attribute.default)
-            bounds = f"{one.lower:g} to {one.upper:g}{', log' if one.is_logarithmic else ''}"
+            searched, default = ranges[name], PASSENGER.get(name, attribute.default)
+            bounds = f"{searched.lower:g} to {searched.upper:g}{', log' if searched.is_logarithmic else ''}"
             text = "as `lcCooperative`" if default is None else f"{default:g}"
-            models.setdefault((name, row.name, text, bounds, one.unit, f"{row.step:g}"), []).append(model)
+            models.setdefault((name, row.name, text, bounds, searched.unit, f"{row.step:g}"), []).append(model)
     for (name, *rest), having in models.items():
         starred = [model for model in having if name in default_parameters(model)]
         marked = (f"{model} *" if model in starred else model for model in having)
@@ -86,4 +75,4 @@ def _line(*cells: str) -> str:
 
 
 if __name__ == "__main__":
-    PAGE.write_text(page(), encoding="utf-8")
+    print(completed(PAGE.read_text(encoding="utf-8")))
