@@ -11,10 +11,10 @@ from jaxcalib.diagnosis.answer.findings import Findings
 from jaxcalib.diagnosis.answer.remarks import not_testable, unexplained, warnings_of
 from jaxcalib.diagnosis.features.features import Cell
 from jaxcalib.diagnosis.features.noise import on_cells
-from jaxcalib.diagnosis.inference.evidence import NONE, UNKNOWN
 from jaxcalib.diagnosis.inference.further import best_effect, most_flexible_shift, next_steps, second_effect
 from jaxcalib.diagnosis.inference.investigation import gain_of, transfer
 from jaxcalib.diagnosis.inference.ledger import LedgerEntry, parameter_shift
+from jaxcalib.diagnosis.inference.marginal_likelihood import NONE, UNKNOWN
 from jaxcalib.diagnosis.inference.shrinkage import measure_shrinkage
 from jaxcalib.diagnosis.inference.verdict import Verdict
 from jaxcalib.diagnosis.runs.explained_runs import moved_values

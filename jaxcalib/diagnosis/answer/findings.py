@@ -8,9 +8,9 @@ import numpy as np
 from jaxcalib.diagnosis.features.features import DriveTallies
 from jaxcalib.diagnosis.features.signature import Signature
 from jaxcalib.diagnosis.features.windows import Window
-from jaxcalib.diagnosis.inference.evidence import Explained
 from jaxcalib.diagnosis.inference.investigation import Prepared
 from jaxcalib.diagnosis.inference.ledger import LedgerEntry, make_ledger
+from jaxcalib.diagnosis.inference.marginal_likelihood import Explained
 from jaxcalib.diagnosis.inference.refit import Refit
 from jaxcalib.diagnosis.inference.sumo_check import Check
 from jaxcalib.diagnosis.inference.verdict import Verdict

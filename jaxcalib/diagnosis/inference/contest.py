@@ -8,8 +8,8 @@ import numpy as np
 from jaxcalib.diagnosis.features.features import DriveTallies
 from jaxcalib.diagnosis.features.signature import Signature
 from jaxcalib.diagnosis.inference.cross_validation import cross_validated_gains
-from jaxcalib.diagnosis.inference.evidence import NEARLY_ALL, NONE, UNKNOWN, Explained, most_misfit
 from jaxcalib.diagnosis.inference.investigation import NotTestableError, Prepared, explanations, moved, prepare
+from jaxcalib.diagnosis.inference.marginal_likelihood import NEARLY_ALL, NONE, UNKNOWN, Explained, most_misfit
 from jaxcalib.diagnosis.runs.null_runs import NullRuns
 from jaxcalib.problem.problem import CalibrationProblem
 

@@ -12,8 +12,8 @@ import numpy as np
 
 from jaxcalib.diagnosis.features.features import DriveTallies
 from jaxcalib.diagnosis.features.signature import Signature
-from jaxcalib.diagnosis.inference.evidence import explain, log_density
 from jaxcalib.diagnosis.inference.investigation import NotTestableError, Prepared, moved, transfer
+from jaxcalib.diagnosis.inference.marginal_likelihood import explain, log_density
 from surrogate.effects.registry import effect_named
 
 FEWEST_DRIVES = 4  # two in each half

@@ -7,7 +7,7 @@ from scipy.special import logsumexp
 
 from jaxcalib.diagnosis.features.noise import NullModel
 from jaxcalib.diagnosis.features.signature import Signature
-from jaxcalib.diagnosis.inference.evidence import (
+from jaxcalib.diagnosis.inference.marginal_likelihood import (
     NONE,
     TEMPERATURE,
     UNKNOWN,

@@ -9,7 +9,8 @@ from jaxcalib.diagnosis.features.features import DriveTallies
 from jaxcalib.diagnosis.features.noise import NullModel, null_model, observed_cells, on_cells
 from jaxcalib.diagnosis.features.signature import Signature
 from jaxcalib.diagnosis.inference.atlas import EffectTrial, Slopes, altered_signatures, slopes_of, surrogate_signatures
-from jaxcalib.diagnosis.inference.evidence import (
+from jaxcalib.diagnosis.inference.ledger import parameter_shift, shift_covariance
+from jaxcalib.diagnosis.inference.marginal_likelihood import (
     Explained,
     explain,
     explain_none,
@@ -17,7 +18,6 @@ from jaxcalib.diagnosis.inference.evidence import (
     groups_of,
     log_density,
 )
-from jaxcalib.diagnosis.inference.ledger import parameter_shift, shift_covariance
 from jaxcalib.diagnosis.inference.ramp_inflow import explain_ramps
 from jaxcalib.diagnosis.runs.null_runs import NullRuns
 from jaxcalib.diagnosis.runs.parameter_steps import parameter_steps

@@ -10,7 +10,7 @@ from jaxcalib.diagnosis.features.noise import NullModel
 from jaxcalib.diagnosis.features.signature import Signature
 from jaxcalib.diagnosis.features.windows import Window, window_of
 from jaxcalib.diagnosis.inference.atlas import EffectTrial, effect_trials, surrogate_signatures
-from jaxcalib.diagnosis.inference.evidence import Explained, explain, signature_behind
+from jaxcalib.diagnosis.inference.marginal_likelihood import Explained, explain, signature_behind
 from surrogate.effects.base import Effect
 from surrogate.effects.registry import effect_named
 

@@ -7,7 +7,7 @@ the evidence is that of two priors for the ratio of true to given inflow, seen t
 import numpy as np
 from scipy.stats import norm
 
-from jaxcalib.diagnosis.inference.evidence import Explained
+from jaxcalib.diagnosis.inference.marginal_likelihood import Explained
 from jaxcalib.statistics.normal import HALF_WIDTH_90
 from surrogate.effects.ramp_inflow_error import RAMP_INFLOW_ERROR
 

@@ -20,7 +20,8 @@ import numpy as np
 from jaxcalib.diagnosis.features.noise import NullModel
 from jaxcalib.diagnosis.features.signature import Signature
 from jaxcalib.diagnosis.inference.descent import Descent, Point, Target, descend, linear_step, precision
-from jaxcalib.diagnosis.inference.evidence import (
+from jaxcalib.diagnosis.inference.investigation import Prepared, transfer
+from jaxcalib.diagnosis.inference.marginal_likelihood import (
     MOST_STRENGTH,
     SIGNATURE_ERROR,
     Explained,
@@ -28,7 +29,6 @@ from jaxcalib.diagnosis.inference.evidence import (
     most_misfit,
     signature_behind,
 )
-from jaxcalib.diagnosis.inference.investigation import Prepared, transfer
 from jaxcalib.diagnosis.inference.sumo_check import CHECKED_EXACTNESS
 from jaxcalib.diagnosis.runs.explained_runs import ExplainedRuns
 from jaxcalib.statistics.normal import HALF_WIDTH_90

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from jaxcalib.diagnosis.features.signature import Signature
-from jaxcalib.diagnosis.inference.evidence import NONE, UNKNOWN, Explained
+from jaxcalib.diagnosis.inference.marginal_likelihood import NONE, UNKNOWN, Explained
 from jaxcalib.diagnosis.inference.refit import Refit
 from jaxcalib.diagnosis.inference.sumo_check import NUM_CHECKED, WITHIN
 

@@ -13,7 +13,7 @@ import numpy as np
 from jaxcalib.diagnosis.features.features import DriveTallies
 from jaxcalib.diagnosis.features.noise import NullModel, on_cells
 from jaxcalib.diagnosis.features.signature import Signature
-from jaxcalib.diagnosis.inference.evidence import NONE, SIGNATURE_ERROR, UNKNOWN, Explained, signature_behind
+from jaxcalib.diagnosis.inference.marginal_likelihood import NONE, SIGNATURE_ERROR, UNKNOWN, Explained, signature_behind
 from surrogate.effects.base import EffectSetting
 
 NUM_CHECKED = 3  # explanations at most

@@ -5,7 +5,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jaxcalib.diagnosis.inference.evidence import NEARLY_ALL, NONE, TEMPERATURE, UNKNOWN, Explained, most_misfit
+from jaxcalib.diagnosis.inference.marginal_likelihood import (
+    NEARLY_ALL,
+    NONE,
+    TEMPERATURE,
+    UNKNOWN,
+    Explained,
+    most_misfit,
+)
 
 # No simulation lacks nothing: that none of 22 effects is there at any strength is not the likeliest thing beforehand.
 # An answer other than none needs the evidence below whatever these say; they decide how sure the ranking is of none.

@@ -13,7 +13,7 @@ from scipy.special import logsumexp
 
 from jaxcalib.diagnosis.features.noise import NullModel
 from jaxcalib.diagnosis.features.signature import Signature
-from jaxcalib.diagnosis.inference.evidence import alike_errors, predicted, strengths_of
+from jaxcalib.diagnosis.inference.marginal_likelihood import alike_errors, predicted, strengths_of
 from jaxcalib.diagnosis.inference.verdict import LEAST_EVIDENCE
 from surrogate.effects.registry import effect_named
 
@@ -87,7 +87,7 @@ def atlas_of(
 
 
 class _Judge:
-    """Judges made-up fields by the evidence for one signature, as `evidence.explain` does."""
+    """Judges made-up fields by the evidence for one signature, as `marginal_likelihood.explain` does."""
 
     def __init__(
         self,

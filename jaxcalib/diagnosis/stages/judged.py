@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from jaxcalib.diagnosis.answer.remarks import FEW_DRIVES, aliased_effects
 from jaxcalib.diagnosis.inference.baseline import Baseline
 from jaxcalib.diagnosis.inference.contest import Contest, best_gain
-from jaxcalib.diagnosis.inference.evidence import Explained
 from jaxcalib.diagnosis.inference.investigation import NotTestableError, Prepared, prepare, shift_in_errors
+from jaxcalib.diagnosis.inference.marginal_likelihood import Explained
 from jaxcalib.diagnosis.inference.sumo_check import Checked
 from jaxcalib.diagnosis.inference.verdict import LEAST_EVIDENCE, Verdict, judge
 from jaxcalib.diagnosis.stages.session import DiagnosisSession

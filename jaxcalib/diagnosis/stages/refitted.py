@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from jaxcalib.diagnosis.inference.baseline import Baseline
 from jaxcalib.diagnosis.inference.contest import without_needless_unknown
-from jaxcalib.diagnosis.inference.evidence import Explained, most_misfit
+from jaxcalib.diagnosis.inference.marginal_likelihood import Explained, most_misfit
 from jaxcalib.diagnosis.inference.refit import MOST_SUMO_POINTS, OTHERS_SUMO_POINTS, Refit, refit
 from jaxcalib.diagnosis.inference.refitted_contest import contenders, with_refits
 from jaxcalib.diagnosis.inference.sumo_check import Checked

@@ -9,9 +9,9 @@ from jaxcalib.diagnosis.features.windows import Window
 from jaxcalib.diagnosis.inference.atlas import EffectTrial, effect_trials
 from jaxcalib.diagnosis.inference.baseline import Baseline
 from jaxcalib.diagnosis.inference.contest import Contest, best_gain
-from jaxcalib.diagnosis.inference.evidence import Explained
 from jaxcalib.diagnosis.inference.investigation import all_signatures
 from jaxcalib.diagnosis.inference.local_search import windows_of_effects
+from jaxcalib.diagnosis.inference.marginal_likelihood import Explained
 from jaxcalib.diagnosis.inference.place_search import refine_places
 from jaxcalib.diagnosis.inference.verdict import LEAST_EVIDENCE
 from jaxcalib.diagnosis.runs.trial_book import TrialBook

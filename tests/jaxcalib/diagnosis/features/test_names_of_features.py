@@ -12,8 +12,8 @@ from jaxcalib.diagnosis.features.identities import count_identities
 from jaxcalib.diagnosis.features.noise import NullModel, null_model, observed_cells, on_cells
 from jaxcalib.diagnosis.features.replay import count_replay
 from jaxcalib.diagnosis.inference.atlas import altered_exactness
-from jaxcalib.diagnosis.inference.evidence import groups_of
 from jaxcalib.diagnosis.inference.local_search import windows_of_effects
+from jaxcalib.diagnosis.inference.marginal_likelihood import groups_of
 from surrogate.effects.registry import EFFECT_NAMES
 from surrogate.road.drive_table import DriveTable, LogFormat
 

@@ -10,8 +10,8 @@ from jaxcalib.diagnosis.features.signature import Signature
 from jaxcalib.diagnosis.inference.atlas import Slopes
 from jaxcalib.diagnosis.inference.contest import best_gain, confirmed, without_needless_unknown
 from jaxcalib.diagnosis.inference.cross_validation import cross_validated_gains
-from jaxcalib.diagnosis.inference.evidence import NONE, UNKNOWN, Explained
 from jaxcalib.diagnosis.inference.investigation import Prepared
+from jaxcalib.diagnosis.inference.marginal_likelihood import NONE, UNKNOWN, Explained
 from surrogate.effects.registry import effect_named
 from tests.jaxcalib.diagnosis.synthetic import made_up_null
 

@@ -5,7 +5,7 @@ import numpy as np
 from jaxcalib.diagnosis.features.features import DriveTallies, TallyBook, gather_tallies
 from jaxcalib.diagnosis.features.windows import Window
 from jaxcalib.diagnosis.inference.atlas import effect_trials, surrogate_signatures
-from jaxcalib.diagnosis.inference.evidence import Explained
+from jaxcalib.diagnosis.inference.marginal_likelihood import Explained
 from jaxcalib.diagnosis.inference.place_search import refine_places
 from jaxcalib.diagnosis.runs.trials import BASELINE, FEWEST_PAIRS, has_pairs, paired_difference
 from tests.jaxcalib.diagnosis.synthetic import made_up_null

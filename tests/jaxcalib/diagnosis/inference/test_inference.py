@@ -13,7 +13,10 @@ from jaxcalib.diagnosis.features.conventions import rounding_step
 from jaxcalib.diagnosis.features.features import Cell, Channel, DriveTallies
 from jaxcalib.diagnosis.features.signature import Signature
 from jaxcalib.diagnosis.inference.atlas import ALTERED_EXACTNESS, READING_EXACTNESS, altered_exactness
-from jaxcalib.diagnosis.inference.evidence import (
+from jaxcalib.diagnosis.inference.further import most_flexible_shift, next_steps, second_effect
+from jaxcalib.diagnosis.inference.investigation import Prepared, moved
+from jaxcalib.diagnosis.inference.ledger import make_ledger, parameter_shift, remaining_covariance
+from jaxcalib.diagnosis.inference.marginal_likelihood import (
     NONE,
     UNKNOWN,
     explain,
@@ -22,9 +25,6 @@ from jaxcalib.diagnosis.inference.evidence import (
     groups_of,
     log_density,
 )
-from jaxcalib.diagnosis.inference.further import most_flexible_shift, next_steps, second_effect
-from jaxcalib.diagnosis.inference.investigation import Prepared, moved
-from jaxcalib.diagnosis.inference.ledger import make_ledger, parameter_shift, remaining_covariance
 from jaxcalib.diagnosis.inference.ramp_inflow import explain_ramps
 from jaxcalib.diagnosis.inference.verdict import LEAST_EVIDENCE, Verdict, judge, probabilities
 from jaxcalib.diagnosis.inference.visibility import atlas_of

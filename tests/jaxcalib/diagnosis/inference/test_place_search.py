@@ -11,7 +11,7 @@ from jaxcalib.diagnosis.features.features import DriveTallies
 from jaxcalib.diagnosis.features.signature import Signature
 from jaxcalib.diagnosis.features.windows import Window
 from jaxcalib.diagnosis.inference.atlas import EffectTrial
-from jaxcalib.diagnosis.inference.evidence import Explained
+from jaxcalib.diagnosis.inference.marginal_likelihood import Explained
 from jaxcalib.diagnosis.inference.place_search import SHORTEST_M, SHORTEST_S, neighbours, refine_places
 from jaxcalib.diagnosis.runs.trials import BASELINE
 from tests.jaxcalib.diagnosis.synthetic import made_up_null

@@ -9,9 +9,9 @@ from jaxcalib.diagnosis.features.features import DriveTallies
 from jaxcalib.diagnosis.features.signature import Signature
 from jaxcalib.diagnosis.features.windows import Window, window_of
 from jaxcalib.diagnosis.inference.atlas import Slopes
-from jaxcalib.diagnosis.inference.evidence import Explained, explain
 from jaxcalib.diagnosis.inference.investigation import Prepared
 from jaxcalib.diagnosis.inference.ledger import parameter_shift
+from jaxcalib.diagnosis.inference.marginal_likelihood import Explained, explain
 from jaxcalib.diagnosis.inference.refit import refit
 from jaxcalib.diagnosis.inference.refitted_contest import contenders, with_refits
 from jaxcalib.diagnosis.runs.explained_runs import ExplainedRuns, moved_values

@@ -5,7 +5,7 @@ import pytest
 
 from jaxcalib.diagnosis.features.features import DriveTallies
 from jaxcalib.diagnosis.features.signature import Signature
-from jaxcalib.diagnosis.inference.evidence import explain, explain_none
+from jaxcalib.diagnosis.inference.marginal_likelihood import explain, explain_none
 from jaxcalib.diagnosis.inference.sumo_check import check_in_sumo, corrected, measured_signature
 from tests.jaxcalib.diagnosis.synthetic import made_up_null
 
