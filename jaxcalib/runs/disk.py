@@ -37,7 +37,7 @@ def check_out(folder: Path) -> None:
     with writing_to(folder):
         if folder.exists() and not folder.is_dir():
             raise CaseError(folder, "", "expected a folder, or a path where none is yet.")
-        there = next(one for one in (folder, *folder.absolute().parents) if one.exists())
+        there = next(parent for parent in (folder, *folder.absolute().parents) if parent.exists())
         with tempfile.TemporaryFile(dir=there) as file:
             file.write(b"?")
     with writing_to(Path("TMPDIR")):

@@ -60,7 +60,7 @@ class Journal:
         keys = [key_of(engine, outcome.request) for outcome in outcomes]
         self._outcomes |= dict(zip(keys, outcomes, strict=True))
         # a simulator that died says nothing of the candidate: whoever resumes tries it again
-        kept = [(key, one) for key, one in zip(keys, outcomes, strict=True) if one.status is not Status.FAILED]
+        kept = [(key, made) for key, made in zip(keys, outcomes, strict=True) if made.status is not Status.FAILED]
         if self._parts is not None and kept:
             part: dict[str, Any] = _part_of(*map(list, zip(*kept, strict=True)))
             part["elapsed_s"] = np.asarray(elapsed_s)

@@ -31,17 +31,17 @@ def read_calibrated_run(run: Path, problem: CalibrationProblem) -> CalibratedRun
     """
     file = run / RESULT_FILE
     try:
-        found = json.loads(file.read_text(encoding="utf-8"))
+        result = json.loads(file.read_text(encoding="utf-8"))
     except OSError:
         raise CaseError(
             file, "", f"expected the result of a calibration in {quote(str(run))}; there is none."
         ) from None
     except ValueError:
         raise CaseError(file, "", "expected the result of a calibration; it cannot be read.") from None
-    if not isinstance(found, dict) or found.get("format") != FORMAT:
+    if not isinstance(result, dict) or result.get("format") != FORMAT:
         raise CaseError(file, "format", f"expected {FORMAT}, the format that this version reads.")
     layout = problem.layout
-    parameters = found.get("parameters")
+    parameters = result.get("parameters")
     parameters = parameters if isinstance(parameters, dict) else {}
     demand = _numbers(file, "demand", parameters.get("demand"), layout.input_ids)
     of_vtypes = parameters.get("behaviour")
@@ -50,23 +50,23 @@ def read_calibrated_run(run: Path, problem: CalibrationProblem) -> CalibratedRun
         known = ", ".join(layout.vtypes)
         raise CaseError(file, "parameters.behaviour", f"expected the vTypes of the case, {known}; a result of another?")
     behaviour = _numbers(file, "behaviour", of_vtypes[layout.vtypes[0]], layout.attributes)
-    return CalibratedRun((*demand, *behaviour), _first_seed(found), _changes(run, problem))
+    return CalibratedRun((*demand, *behaviour), _first_seed(result), _changes(run, problem))
 
 
-def _numbers(file: Path, place: str, table: Any, names: tuple[str, ...]) -> tuple[float, ...]:
+def _numbers(file: Path, part: str, table: Any, names: tuple[str, ...]) -> tuple[float, ...]:
     if not isinstance(table, dict) or set(table) != set(names):
         raise CaseError(
-            file, f"parameters.{place}", f"expected those of the case, {', '.join(names)}; is this a result of another?"
+            file, f"parameters.{part}", f"expected those of the case, {', '.join(names)}; is this a result of another?"
         )
     for name in names:
         value = table[name]
         if not isinstance(value, int | float) or isinstance(value, bool) or not math.isfinite(value):
-            raise CaseError(file, f"parameters.{place}.{name}", f"expected a number, got {quote(value)}.")
+            raise CaseError(file, f"parameters.{part}.{name}", f"expected a number, got {quote(value)}.")
     return tuple(float(table[name]) for name in names)
 
 
-def _first_seed(found: dict[str, Any]) -> int:
-    seeds = found.get("seeds")
+def _first_seed(result: dict[str, Any]) -> int:
+    seeds = result.get("seeds")
     seed = seeds.get("search", 0) if isinstance(seeds, dict) else 0
     return int(seed) if isinstance(seed, int) else 0
 

@@ -25,12 +25,12 @@ def compare_measures(
 ) -> Table:
     """Return every measure: the field's value beside what rounds of as many simulated drives show, [round, drive]."""
     real = dict(zip(tally_names, field.tally.sum(axis=0), strict=True))
-    simulated = [dict(zip(tally_names, one, strict=True)) for one in rounds.tally.sum(axis=1)]
+    simulated = [dict(zip(tally_names, tallies, strict=True)) for tallies in rounds.tally.sum(axis=1)]
     table: Table = {}
     predictions: dict[str, Prediction | None] = {}
     for name, measure in measures.items():
         in_field = measure.value(real)
-        values = np.asarray([measure.value(one).value for one in simulated], float)
+        values = np.asarray([measure.value(tallies).value for tallies in simulated], float)
         is_enough = in_field.is_valid and in_field.num_observations >= FEWEST_EVENTS
         predictions[name] = predict(values, in_field.value if is_enough else float("nan"))
         few = "" if is_enough else f"fewer than {FEWEST_EVENTS:.0f} observations in the field"
@@ -40,7 +40,7 @@ def compare_measures(
             **_prediction_entry(predictions[name]),
             "note": in_field.reason or few,
         }
-    p_values = np.asarray([one.p_value if one else np.nan for one in predictions.values()])
+    p_values = np.asarray([prediction.p_value if prediction else np.nan for prediction in predictions.values()])
     for name, p_value, adjusted in zip(table, p_values, holm(p_values), strict=True):
         table[name] |= {
             "p_value": rounded(float(p_value)),
@@ -56,11 +56,11 @@ def compare_distributions(field: ObservedDrives, rounds: ObservedDrives) -> Tabl
     for name in BORDERS:
         per_round = rounds.histograms[name].sum(axis=1)
         total = per_round.sum(axis=0)
-        found = distances(name, field.histograms[name].sum(axis=0), total)
-        by_chance = np.asarray([distances(name, one, total - one) for one in per_round])
+        in_field = distances(name, field.histograms[name].sum(axis=0), total)
+        by_chance = np.asarray([distances(name, counts, total - counts) for counts in per_round])
         table[name] = {
-            kind: _within_chance(found[place], by_chance[:, place])
-            for place, kind in enumerate(("kolmogorov_smirnov", "wasserstein"))
+            kind: _within_chance(in_field[number], by_chance[:, number])
+            for number, kind in enumerate(("kolmogorov_smirnov", "wasserstein"))
         }
     return table
 
@@ -78,20 +78,20 @@ def compare_trajectories(field: ObservedDrives, rounds: ObservedDrives) -> Table
     table: Table = {}
     for name, error_of in errors.items():
         per_round = _among(rounds.passing_s, error_of)
-        found = [
+        against_field = [
             error_of(real, run)
             for real, runs in zip(field.passing_s, rounds.passing_s.swapaxes(0, 1), strict=True)
             for run in runs
         ]
-        table[name] = _within_chance(_mean(np.asarray(found)), per_round)
+        table[name] = _within_chance(_mean(np.asarray(against_field)), per_round)
     return table
 
 
 def travel_time_table(names: tuple[str, ...], field: ObservedDrives, rounds: ObservedDrives) -> Table:
     """Return the travel time of each drive over the stretch that its runs share with it, mean over rounds."""
     table: Table = {}
-    for place, name in enumerate(names):
-        pairs = np.asarray([travel_times_s(field.passing_s[place], one) for one in rounds.passing_s[:, place]])
+    for drive, name in enumerate(names):
+        pairs = np.asarray([travel_times_s(field.passing_s[drive], run) for run in rounds.passing_s[:, drive]])
         known = np.isfinite(pairs).all(axis=1)
         means = pairs[known].mean(axis=0) if known.any() else np.full(2, np.nan)
         table[name] = {"field_s": rounded(float(means[0])), "simulated_s": rounded(float(means[1]))}
@@ -131,12 +131,12 @@ def _mean(values: np.ndarray) -> float:
     return float(known.mean()) if len(known) else float("nan")
 
 
-def _prediction_entry(found: Prediction | None) -> dict[str, Any]:
+def _prediction_entry(prediction: Prediction | None) -> dict[str, Any]:
     kind = f"{100 * PROBABILITY:.0f}"
-    if found is None:
+    if prediction is None:
         return {"simulated": None, f"interval_{kind}": None, f"interval_{kind}_of_mean": None}
     return {
-        "simulated": rounded(found.mean),
-        f"interval_{kind}": [rounded(found.lower), rounded(found.upper)],
-        f"interval_{kind}_of_mean": [rounded(found.mean_lower), rounded(found.mean_upper)],
+        "simulated": rounded(prediction.mean),
+        f"interval_{kind}": [rounded(prediction.lower), rounded(prediction.upper)],
+        f"interval_{kind}_of_mean": [rounded(prediction.mean_lower), rounded(prediction.mean_upper)],
     }

@@ -93,8 +93,8 @@ def count_volumes(field: FieldCounts, simulated: Float[np.ndarray, "seed place"]
     """Return counted and simulated volumes as hourly rates, means over days and over seeds."""
     real, model = np.nanmean(field.vehicles, axis=0) * field.hourly, simulated.mean(axis=0) * field.hourly
     return [
-        Volume(f"{edge}, {begin:g} to {end:g} s", float(one), float(other), edge, end - begin)
-        for (edge, begin, end), one, other in zip(field.places, real, model, strict=True)
+        Volume(f"{edge}, {begin:g} to {end:g} s", float(counted), float(modelled), edge, end - begin)
+        for (edge, begin, end), counted, modelled in zip(field.places, real, model, strict=True)
     ]
 
 
@@ -112,7 +112,7 @@ def _criteria_2019(field: FieldCounts, simulated: Float[np.ndarray, "seed place"
     run = simulated[int(np.argmin(np.abs(simulated - simulated.mean(axis=0)).sum(axis=1)))]  # the seed nearest the mean
     criteria: list[Criterion] = []
     for edge in field.edges:
-        chosen = [place for place, (name, _, _) in enumerate(field.places) if name == edge]
+        chosen = [number for number, (name, _, _) in enumerate(field.places) if name == edge]
         days = field.vehicles[:, chosen]
         days = days[np.isfinite(days).all(axis=1)]
         if len(days) >= FEWEST_DAYS and len(chosen) >= FEWEST_INTERVALS:

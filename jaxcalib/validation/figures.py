@@ -12,13 +12,13 @@ CLIP = 4.0  # half widths of the interval
 def measures_figure(result: ValidationResult) -> str:
     """Return the field's value of each measure within the interval that rounds of simulated drives predict."""
     names, places = [], []
-    for name, one in result.measures.items():
-        if one["p_value"] is None or one["interval_90"] is None:
+    for name, entry in result.measures.items():
+        if entry["p_value"] is None or entry["interval_90"] is None:
             continue
-        low, high = one["interval_90"]
+        low, high = entry["interval_90"]
         if high > low:
             names.append(name)
-            places.append((one["field"] - one["simulated"]) / (0.5 * (high - low)))
+            places.append((entry["field"] - entry["simulated"]) / (0.5 * (high - low)))
     height = np.arange(len(names))[::-1]
     beyond = np.asarray([bool(result.measures[name]["is_beyond_chance"]) for name in names], bool)
     clipped = np.clip(np.asarray(places, float), -CLIP, CLIP)
@@ -39,8 +39,9 @@ def measures_figure(result: ValidationResult) -> str:
 
 def distances_figure(result: ValidationResult) -> str:
     """Return distances of distributions and errors of trajectories, as multiples of what chance allows."""
-    found = {name: one["wasserstein"] for name, one in result.distributions.items()} | result.trajectories
-    rows = {name: one["value"] / one["limit"] for name, one in found.items() if one["value"] and one["limit"]}
+    distances = {name: entry["wasserstein"] for name, entry in result.distributions.items()} | result.trajectories
+    known = {name: entry for name, entry in distances.items() if entry["value"] and entry["limit"]}
+    rows = {name: entry["value"] / entry["limit"] for name, entry in known.items()}
     height = np.arange(len(rows))[::-1]
 
     def draw(axes: Axes) -> None:

@@ -17,13 +17,13 @@ NO_COUNTS = "the case has no counts; give them with --counts (docs/validate.md)"
 
 def health_criteria(outcomes: Sequence[RunOutcome]) -> list[Criterion]:
     """Return whether SUMO could run what the parameters ask for."""
-    ran = [one for one in outcomes if one.status.is_ok]
+    ran = [outcome for outcome in outcomes if outcome.status.is_ok]
     failed = 1.0 - len(ran) / len(outcomes)
-    backlog = float(np.mean([one.backlog_share for one in ran])) if ran else float("nan")
+    backlog = float(np.mean([outcome.backlog_share for outcome in ran])) if ran else float("nan")
     return [
         at_most("share of runs that failed", OWN, failed, MOST_FAILED_SHARE),
-        at_most("teleports", OWN, sum(one.num_teleports for one in ran), 0.0, "vehicles that SUMO removed"),
-        at_most("collisions", OWN, sum(one.num_collisions for one in ran), 0.0, "vehicle steps in a collision"),
+        at_most("teleports", OWN, sum(outcome.num_teleports for outcome in ran), 0.0, "vehicles that SUMO removed"),
+        at_most("collisions", OWN, sum(outcome.num_collisions for outcome in ran), 0.0, "vehicle steps in a collision"),
         at_most("share of the demand not inserted", OWN, backlog, LARGE_BACKLOG, "mean over runs"),
     ]
 
@@ -34,7 +34,7 @@ def chance_criteria(measures: Table, distributions: Table, trajectories: Table, 
     A simulation that is right fails one test in twenty, so p values are corrected for their number: those of measures
     among themselves, those of distributions, trajectories and errors together.
     """
-    tested = [name for name, one in measures.items() if one["is_beyond_chance"] is not None]
+    tested = [name for name, entry in measures.items() if entry["is_beyond_chance"] is not None]
     beyond = [name for name in tested if measures[name]["is_beyond_chance"]]
     note = f"{len(tested)} measures tested" + (f"; beyond: {', '.join(beyond[:6])}" if beyond else "")
     criteria = [
@@ -42,16 +42,16 @@ def chance_criteria(measures: Table, distributions: Table, trajectories: Table, 
         if tested
         else not_testable("measures beyond chance", OWN, "no measure has a prediction; more seeds?")
     ]
-    found = {f"distribution of {_words(name)}": one["wasserstein"] for name, one in distributions.items()}
-    found |= {f"trajectories, {_words(name)}": one for name, one in trajectories.items()}
-    found |= {f"error of {_words(name)}": one for name, one in errors.items()}
-    p_values = np.asarray([np.nan if one["p_value"] is None else one["p_value"] for one in found.values()], float)
-    for (name, one), adjusted in zip(found.items(), holm(p_values), strict=True):
+    entries = {f"distribution of {_words(name)}": entry["wasserstein"] for name, entry in distributions.items()}
+    entries |= {f"trajectories, {_words(name)}": entry for name, entry in trajectories.items()}
+    entries |= {f"error of {_words(name)}": entry for name, entry in errors.items()}
+    p_values = np.asarray([entry["p_value"] for entry in entries.values()], float)  # None becomes nan
+    for (name, entry), adjusted in zip(entries.items(), holm(p_values), strict=True):
         title = f"{name}: probability of as much by chance"
         if not np.isfinite(adjusted):
             criteria.append(not_testable(title, OWN, "too few observations in field or simulation"))
             continue
-        note = f"{one['value']:.3g} found, {one['limit']:.3g} is exceeded by chance in 5 %"
+        note = f"{entry['value']:.3g} found, {entry['limit']:.3g} is exceeded by chance in 5 %"
         criteria.append(at_least(title, OWN, float(adjusted), SIGNIFICANCE, note))
     return criteria
 
@@ -59,10 +59,11 @@ def chance_criteria(measures: Table, distributions: Table, trajectories: Table, 
 def travel_time_criterion(table: Table) -> Criterion:
     """Return the criterion of 2004 for travel times: within 15 %, or a minute if that is more, in 85 % of the cases."""
     title = "share of drives with a travel time within 15 % or 1 min"
-    known = [one for one in table.values() if one["field_s"] and one["simulated_s"]]
+    known = [entry for entry in table.values() if entry["field_s"] and entry["simulated_s"]]
     if not known:
         return not_testable(title, FHWA_2004, "no drive shares a stretch with its runs")
-    share = np.mean([abs(one["simulated_s"] - one["field_s"]) <= max(0.15 * one["field_s"], 60.0) for one in known])
+    field_s, simulated_s = (np.asarray([entry[name] for entry in known]) for name in ("field_s", "simulated_s"))
+    share = np.mean(np.abs(simulated_s - field_s) <= np.maximum(0.15 * field_s, 60.0))
     return at_least(title, FHWA_2004, float(share), 0.85, f"{len(known)} drives, mean over seeds")
 
 

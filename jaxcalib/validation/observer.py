@@ -39,7 +39,7 @@ class DriveObserver:
     def parts(self, vectors: Float[np.ndarray, "... number"]) -> ObservedDrives:
         """Return the parts of vectors."""
         tally, counts, passing = np.split(vectors, [self._num_tallies, self._num_tallies + NUM_COUNTS], axis=-1)
-        borders = np.cumsum([len(one) - 1 for one in BORDERS.values()])[:-1]
+        borders = np.cumsum([len(borders) - 1 for borders in BORDERS.values()])[:-1]
         return ObservedDrives(
             tally,
             dict(zip(BORDERS, np.split(counts, borders, axis=-1), strict=True)),

@@ -9,11 +9,11 @@ from jaxcalib.validation.result import ValidationResult
 
 def validation_html(result: ValidationResult) -> str:
     """Return the page of a validation."""
-    answered = [one for one in result.criteria if one.passes is not None]
+    answered = [criterion for criterion in result.criteria if criterion.passes is not None]
     return render_page(
         "validation.html.j2",
         result=result,
-        num_passed=sum(bool(one.passes) for one in answered),
+        num_passed=sum(bool(criterion.passes) for criterion in answered),
         num_answered=len(answered),
         measures=Markup(measures_figure(result)),
         distances=Markup(distances_figure(result)),

@@ -144,7 +144,7 @@ def _validate(
     ]
     return ValidationResult(
         case=problem.case.name,
-        is_valid=all(one.passes is not False for one in criteria),
+        is_valid=all(criterion.passes is not False for criterion in criteria),
         drives=list(names),
         role=role,
         parameters=dict(zip(problem.layout.names, calibrated.values, strict=True)),
@@ -155,7 +155,7 @@ def _validate(
         travel_times=travel_times,
         errors=errors,
         volumes=_seen_volumes(problem, measures),
-        counts=[_volume_entry(one) for one in count_volumes(counted, simulated_counts)] if counted else [],
+        counts=[_volume_entry(volume) for volume in count_volumes(counted, simulated_counts)] if counted else [],
         health=health_of(outcomes),
         runs=len(outcomes) + len(count_requests),
         seeds=[requests[0].seed, requests[-1].seed],
@@ -171,9 +171,9 @@ def round_requests(calibrated: CalibratedRun, departs_s: Sequence[float], seeds:
     """Return the runs of all rounds: each drive once in each, no two with the same seed."""
     first = calibrated.first_seed + VALIDATION_SEED
     return [
-        RunRequest(calibrated.values, first + number * len(departs_s) + place, depart_s)
+        RunRequest(calibrated.values, first + number * len(departs_s) + drive, depart_s)
         for number in range(seeds)
-        for place, depart_s in enumerate(departs_s)
+        for drive, depart_s in enumerate(departs_s)
     ]
 
 
@@ -184,7 +184,7 @@ def complete_rounds(outcomes: Sequence[RunOutcome], num_drives: int) -> np.ndarr
         AllRunsFailedError: too few of them are left.
     """
     rounds = [outcomes[begin : begin + num_drives] for begin in range(0, len(outcomes), num_drives)]
-    complete = [[run.observed for run in one] for one in rounds if all(run.status.is_ok for run in one)]
+    complete = [[run.observed for run in runs] for runs in rounds if all(run.status.is_ok for run in runs)]
     if len(complete) < FEWEST_ROUNDS:
         reasons = "; ".join(sorted({run.status.value for run in outcomes if not run.status.is_ok}))
         tail = next((run.log_tail for run in outcomes if run.log_tail), "")
@@ -198,11 +198,11 @@ def _seen_volumes(problem: CalibrationProblem, measures: dict[str, dict[str, Any
     lanes = np.diff(np.asarray(problem.road.lane_m_before(problem.road.section_border_m), float)) / np.diff(border)
     volumes = []
     for section, lane_count in enumerate(lanes):
-        one = measures[f"section_{section}_volume_vehph"]
-        if one["field"] is None or one["simulated"] is None:
+        per_lane = measures[f"section_{section}_volume_vehph"]
+        if per_lane["field"] is None or per_lane["simulated"] is None:
             continue
-        place = f"{border[section]:.0f} to {border[section + 1]:.0f} m"
-        volume = Volume(place, float(lane_count * one["field"]), float(lane_count * one["simulated"]))
+        name = f"{border[section]:.0f} to {border[section + 1]:.0f} m"
+        volume = Volume(name, float(lane_count * per_lane["field"]), float(lane_count * per_lane["simulated"]))
         volumes.append(_volume_entry(volume))
     return volumes
 
@@ -218,7 +218,7 @@ def _volume_entry(volume: Volume) -> dict[str, Any]:
 
 def _count_requests(calibrated: CalibratedRun, requests: Sequence[RunRequest], seeds: int) -> list[RunRequest]:
     """Return runs in which vehicles are counted to the end, on seeds after those of the rounds."""
-    first, depart_s = requests[-1].seed + 1, min(one.depart_s for one in requests)
+    first, depart_s = requests[-1].seed + 1, min(request.depart_s for request in requests)
     return [RunRequest(calibrated.values, first + number, depart_s) for number in range(seeds)]
 
 
@@ -237,4 +237,4 @@ def _counts_of(
         return np.zeros((0, 0))
     with sumo_engine(problem, counter=counted) as sumo:
         outcomes = JournaledSumo(sumo, session.journal).start(requests, session.progress.sumo_runs)()
-    return gather([outcomes]).tally[0][[one.status.is_ok for one in outcomes]]
+    return gather([outcomes]).tally[0][[outcome.status.is_ok for outcome in outcomes]]

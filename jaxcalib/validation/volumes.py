@@ -52,20 +52,20 @@ def sum_of_volumes(volumes: list[Volume]) -> tuple[float, float]:
     Several intervals of one edge are one hourly rate, not several: GEH grows with the square root of what is added up.
     """
     rates: dict[str, list[Volume]] = {}
-    for one in volumes:
-        rates.setdefault(one.edge or one.place, []).append(one)
+    for volume in volumes:
+        rates.setdefault(volume.edge or volume.place, []).append(volume)
     simulated = counted = 0.0
     for several in rates.values():
-        weight = np.asarray([one.duration_s for one in several])
-        simulated += float(np.average([one.simulated_vehph for one in several], weights=weight))
-        counted += float(np.average([one.field_vehph for one in several], weights=weight))
+        weight = np.asarray([volume.duration_s for volume in several])
+        simulated += float(np.average([volume.simulated_vehph for volume in several], weights=weight))
+        counted += float(np.average([volume.field_vehph for volume in several], weights=weight))
     return simulated, counted
 
 
 def volume_criteria(volumes: list[Volume], source: str) -> list[Criterion]:
     """Return GEH and the criteria of 2004 for at least one volume; notes say with what they were counted."""
     simulated, field = (
-        np.asarray([getattr(one, name) for one in volumes]) for name in ("simulated_vehph", "field_vehph")
+        np.asarray([getattr(volume, name) for volume in volumes]) for name in ("simulated_vehph", "field_vehph")
     )
     both, counted = sum_of_volumes(volumes)
     total = float(abs(both - counted) / counted) if counted > 0.0 else float("nan")
@@ -78,7 +78,7 @@ def volume_criteria(volumes: list[Volume], source: str) -> list[Criterion]:
         ),
         at_least(
             "share of volumes within 100 veh/h, 15 % or 400 veh/h", FHWA_2004,
-            float(np.mean([one.is_within_2004 for one in volumes])), SHARE, note,
+            float(np.mean([volume.is_within_2004 for volume in volumes])), SHARE, note,
         ),
         at_most("relative error of the sum of volumes", FHWA_2004, total, 0.05, note),
         at_most("GEH of the sum of volumes", FHWA_2004, geh_of_sum, GEH_SUM_LIMIT, note),

@@ -36,8 +36,10 @@ def conclude(findings: Findings) -> Diagnosis:
     if best is not None:
         second = second_effect(fitted.difference, fitted.null, best, findings.signatures, findings.num_places)
     nowhere: dict[str, float | None] = dict.fromkeys(effect.name for effect in EFFECTS)
-    visible = nowhere | {name: reported(name, one.visible_from) for name, one in findings.atlas.items()}
-    visible_with_more = nowhere | {name: reported(name, one.visible_with_more) for name, one in findings.atlas.items()}
+    visible = nowhere | {name: reported(name, entry.visible_from) for name, entry in findings.atlas.items()}
+    visible_with_more = nowhere | {
+        name: reported(name, entry.visible_with_more) for name, entry in findings.atlas.items()
+    }
     ledger = findings.ledger()
     how_far = _how_far(findings, verdict)
     return Diagnosis(
@@ -47,15 +49,17 @@ def conclude(findings: Findings) -> Diagnosis:
         ranking=_ranking(findings, verdict),
         where=_where(ledger, float(np.asarray(problem.road.section_border_m)[-1])),
         how_far=how_far,
-        checked_in_sumo=tuple(replace(one, strength=reported(one.effect, one.strength)) for one in findings.checks),
+        checked_in_sumo=tuple(
+            replace(check, strength=reported(check.effect, check.strength)) for check in findings.checks
+        ),
         second_effect=None
         if second is None
         else Second(second.name, second.log_evidence, reported(second.name, second.strength)),
         next_steps=next_steps(
             verdict,
             second,
-            {name: list(one.alike) for name, one in findings.atlas.items()},
-            [_named_with_place(one.cell) for one in ledger[:3]],
+            {name: list(entry.alike) for name, entry in findings.atlas.items()},
+            [_named_with_place(entry.cell) for entry in ledger[:3]],
             visible_with_more,
             visible,
         ),
@@ -107,37 +111,37 @@ def _parameters(findings: Findings) -> dict[str, dict[str, float]]:
     several = {"scenario": findings.problem.template.base_values(), "calibrated": values}
     if findings.refit is not None:
         several["with_effect"] = moved_values(values, parameter_steps(layout, values), findings.refit.steps)
-    return {name: dict(zip(layout.names, one.tolist(), strict=True)) for name, one in several.items()}
+    return {name: dict(zip(layout.names, fitted.tolist(), strict=True)) for name, fitted in several.items()}
 
 
 def _ranking(findings: Findings, verdict: Verdict) -> list[Ranked]:
     probability = verdict.probability
-    none = next(one.log_evidence for one in findings.explained if one.name == NONE)
+    none = next(explanation.log_evidence for explanation in findings.explained if explanation.name == NONE)
     ranking = []
-    for one in findings.explained:
-        gain = float(one.log_evidence - none)
-        if one.name in (NONE, UNKNOWN):
-            ranking.append(Ranked(one.name, probability[one.name], log_evidence=gain))
+    for explanation in findings.explained:
+        gain = float(explanation.log_evidence - none)
+        if explanation.name in (NONE, UNKNOWN):
+            ranking.append(Ranked(explanation.name, probability[explanation.name], log_evidence=gain))
             continue
-        low, high = (reported(one.name, bound) for bound in one.interval)
-        atlas = findings.atlas.get(one.name)
+        low, high = (reported(explanation.name, bound) for bound in explanation.interval)
+        atlas = findings.atlas.get(explanation.name)
         ranking.append(
             Ranked(
-                effect=one.name,
-                probability=probability[one.name],
-                strength=reported(one.name, one.strength),
+                effect=explanation.name,
+                probability=probability[explanation.name],
+                strength=reported(explanation.name, explanation.strength),
                 strength_ci90=(low, high),
                 absorption=atlas.absorption if atlas else None,
-                held_out_gain=gain_of(one, findings.held_out, findings.fitted) if findings.held_out else None,
+                held_out_gain=gain_of(explanation, findings.held_out, findings.fitted) if findings.held_out else None,
                 log_evidence=gain,
-                cross_validated_gain=one.cross_validated_gain,
-                place_and_time=dict(one.setting or {}),
+                cross_validated_gain=explanation.cross_validated_gain,
+                place_and_time=dict(explanation.setting or {}),
                 alike=dict(atlas.alike) if atlas else {},
             )
         )
-    untested = [effect.name for effect in EFFECTS if effect.name not in {one.effect for one in ranking}]
+    untested = [effect.name for effect in EFFECTS if effect.name not in {entry.effect for entry in ranking}]
     ranking += [Ranked(name, 0.0) for name in untested]
-    return sorted(ranking, key=lambda one: -one.probability)
+    return sorted(ranking, key=lambda entry: -entry.probability)
 
 
 @overload
@@ -159,26 +163,26 @@ def _where(ledger: Sequence[LedgerEntry], length_m: float) -> list[WhereEntry]:
     listed, rest = ledger[:LISTED_ENTRIES], ledger[LISTED_ENTRIES:]
     entries = [
         WhereEntry(
-            mop=one.cell.measure,
-            regime=one.cell.regime,
-            role=one.cell.role,
-            lane=one.cell.lane,
-            route_from_m=0.0 if one.cell.from_m is None else one.cell.from_m,
-            route_to_m=length_m if one.cell.to_m is None else one.cell.to_m,
-            time_from_s=one.cell.from_s,
-            time_to_s=one.cell.to_s,
-            gap=one.excess,
-            share=one.share,
-            p_adjusted=one.p_adjusted,
-            field=one.field,
-            simulated=one.simulated,
-            difference_in_noise=one.difference,
+            mop=entry.cell.measure,
+            regime=entry.cell.regime,
+            role=entry.cell.role,
+            lane=entry.cell.lane,
+            route_from_m=0.0 if entry.cell.from_m is None else entry.cell.from_m,
+            route_to_m=length_m if entry.cell.to_m is None else entry.cell.to_m,
+            time_from_s=entry.cell.from_s,
+            time_to_s=entry.cell.to_s,
+            gap=entry.excess,
+            share=entry.share,
+            p_adjusted=entry.p_adjusted,
+            field=entry.field,
+            simulated=entry.simulated,
+            difference_in_noise=entry.difference,
         )
-        for one in listed
+        for entry in listed
     ]
     if rest:
-        gap, share = sum(one.excess for one in rest), 1.0 - sum(one.share for one in entries)
-        least = min(one.p_adjusted for one in rest)
+        gap, share = sum(entry.excess for entry in rest), 1.0 - sum(entry.share for entry in entries)
+        least = min(entry.p_adjusted for entry in rest)
         entries.append(WhereEntry(OTHER, "", "", None, 0.0, length_m, None, None, gap, share, least))
     return entries
 
@@ -204,7 +208,7 @@ def _how_far(findings: Findings, verdict: Verdict) -> dict[str, Any]:
     as_it_is = None
     if findings.default is not None:
         as_it_is = null.standardised(on_cells(findings.default, null.cells).values())
-    found = measure_shrinkage(
+    shrinkage = measure_shrinkage(
         held_out.tallies,
         null,
         findings.null_runs,
@@ -219,14 +223,14 @@ def _how_far(findings: Findings, verdict: Verdict) -> dict[str, Any]:
         fitted.tallies,
     )
     values = (
-        found.default,
-        found.recalibrated,
-        found.with_effect,
-        found.floor,
-        found.fraction_closed,
-        found.interval_90,
+        shrinkage.default,
+        shrinkage.recalibrated,
+        shrinkage.with_effect,
+        shrinkage.floor,
+        shrinkage.fraction_closed,
+        shrinkage.interval_90,
     )
     return dict(zip(HOW_FAR, values, strict=True)) | {
         "effect": best.name if best else None,
-        "gap_ceiling": found.ceiling,
+        "gap_ceiling": shrinkage.ceiling,
     }

@@ -18,14 +18,14 @@ def map_figure(ledger: list[LedgerEntry]) -> str:
     by_time = [entry for entry in ledger if entry.cell.locates == SearchedAt.SPELLS]
     if not by_time:
         return ""
-    starts_m = sorted({one.cell.from_m for one in by_time if one.cell.from_m is not None})
-    ends_m = sorted({one.cell.to_m for one in by_time if one.cell.to_m is not None})
-    starts_s = sorted({one.cell.from_s for one in by_time if one.cell.from_s is not None})
-    width_s = min(one.cell.to_s - one.cell.from_s for one in by_time if one.cell.to_s and one.cell.from_s is not None)
+    starts_m = sorted({entry.cell.from_m for entry in by_time if entry.cell.from_m is not None})
+    ends_m = sorted({entry.cell.to_m for entry in by_time if entry.cell.to_m is not None})
+    starts_s = sorted({entry.cell.from_s for entry in by_time if entry.cell.from_s is not None})
+    width_s = min(e.cell.to_s - e.cell.from_s for e in by_time if e.cell.to_s and e.cell.from_s is not None)
     table = np.full((len(starts_s), len(starts_m)), np.nan)
-    for one in by_time:
-        if one.cell.from_m is not None and one.cell.from_s is not None:
-            table[starts_s.index(one.cell.from_s), starts_m.index(one.cell.from_m)] = one.difference
+    for entry in by_time:
+        if entry.cell.from_m is not None and entry.cell.from_s is not None:
+            table[starts_s.index(entry.cell.from_s), starts_m.index(entry.cell.from_m)] = entry.difference
 
     def draw(axes: Axes) -> None:
         edges_m = np.asarray([*starts_m, ends_m[-1]])
@@ -46,9 +46,9 @@ def place_figure(ledger: list[LedgerEntry]) -> str:
     chosen = [entry for entry in ledger if entry.cell.locates == SearchedAt.STRETCHES]
     lines = {
         regime: sorted(
-            (0.5 * (one.cell.from_m + one.cell.to_m), one.field - one.simulated, one.difference)
-            for one in chosen
-            if one.cell.regime == regime and one.cell.from_m is not None and one.cell.to_m is not None
+            (0.5 * (entry.cell.from_m + entry.cell.to_m), entry.field - entry.simulated, entry.difference)
+            for entry in chosen
+            if entry.cell.regime == regime and entry.cell.from_m is not None and entry.cell.to_m is not None
         )
         for regime in ("fast", "slow")
     }
@@ -58,10 +58,10 @@ def place_figure(ledger: list[LedgerEntry]) -> str:
         for (regime, points), color in zip(lines.items(), (AFTER, BEFORE), strict=True):
             if not points:
                 continue
-            place, value, noise = np.asarray(points).T
-            axes.plot(place, value, "-", color=color, lw=1.0, label=f"{regime} traffic")
+            position_m, value, noise = np.asarray(points).T
+            axes.plot(position_m, value, "-", color=color, lw=1.0, label=f"{regime} traffic")
             beyond = np.abs(noise) > 3.0
-            axes.plot(place[beyond], value[beyond], "o", color=color, ms=6)
+            axes.plot(position_m[beyond], value[beyond], "o", color=color, ms=6)
         axes.set_xlabel("place on the route [m]")
         axes.set_ylabel("acceleration, field less\nsimulation [m/s$^2$]")
         axes.legend(frameon=False, fontsize=8)
@@ -71,15 +71,15 @@ def place_figure(ledger: list[LedgerEntry]) -> str:
 
 def lanes_figure(ledger: list[LedgerEntry]) -> str:
     """Return measures that are kept by lane or regime, the largest differences."""
-    chosen = [one for one in ledger if one.cell.from_m is None][:16]
-    names = [one.cell.words for one in chosen]
-    place = np.arange(len(chosen))[::-1]
+    chosen = [entry for entry in ledger if entry.cell.from_m is None][:16]
+    names = [entry.cell.words for entry in chosen]
+    height = np.arange(len(chosen))[::-1]
 
     def draw(axes: Axes) -> None:
         axes.axvspan(-2.0, 2.0, color=NOISE, alpha=0.6, lw=0, label="what chance does")
-        values = np.clip([one.difference for one in chosen], -30.0, 30.0)
-        axes.barh(place, values, 0.66, color=AFTER)
-        axes.set_yticks(place, names, fontsize=7)
+        values = np.clip([entry.difference for entry in chosen], -30.0, 30.0)
+        axes.barh(height, values, 0.66, color=AFTER)
+        axes.set_yticks(height, names, fontsize=7)
         axes.set_xlabel("field less calibrated simulation [noise of the drives; cut at 30]")
         axes.legend(frameon=False, fontsize=8, loc="lower right")
 
@@ -89,12 +89,12 @@ def lanes_figure(ledger: list[LedgerEntry]) -> str:
 def ranking_figure(diagnosis: Diagnosis) -> str:
     """Return the probabilities of the explanations."""
     shown = diagnosis.ranking[:SHOWN_EXPLANATIONS]
-    place = np.arange(len(shown))[::-1]
+    height = np.arange(len(shown))[::-1]
 
     def draw(axes: Axes) -> None:
-        colors = [AFTER if one.effect in diagnosis.effects else "#9dbad5" for one in shown]
-        axes.barh(place, [one.probability for one in shown], 0.7, color=colors)
-        axes.set_yticks(place, [one.effect.replace("_", " ") for one in shown])
+        colors = [AFTER if entry.effect in diagnosis.effects else "#9dbad5" for entry in shown]
+        axes.barh(height, [entry.probability for entry in shown], 0.7, color=colors)
+        axes.set_yticks(height, [entry.effect.replace("_", " ") for entry in shown])
         axes.set_xlim(0.0, 1.0)
         axes.set_xlabel("probability")
 
@@ -111,21 +111,21 @@ def waterfall_figure(diagnosis: Diagnosis) -> str:
         ("recalibrated", far["gap_recalibrated"], "#e08a1e"),
         ("with the effect" if diagnosis.effects else "no effect added", far["gap_with_effect"], AFTER),
     ]
-    steps = [one for one in steps if one[1] is not None]  # the scenario as it is may keep the subject vehicle out
-    place = np.arange(len(steps))[::-1]
+    steps = [step for step in steps if step[1] is not None]  # the scenario as it is may keep the subject vehicle out
+    height = np.arange(len(steps))[::-1]
 
     def draw(axes: Axes) -> None:
         values = [value for _, value, _ in steps]
         axes.axvspan(0.0, far["noise_floor"], color=NOISE, alpha=0.8, lw=0, label="chance alone")
-        axes.barh(place, values, 0.6, color=[color for _, _, color in steps])
-        for y, value in zip(place, values, strict=True):
+        axes.barh(height, values, 0.6, color=[color for _, _, color in steps])
+        for y, value in zip(height, values, strict=True):
             axes.text(value, y, f" {value:.2f}", va="center", fontsize=8)
         if far.get("fraction_closed_ci90"):
             low, high = far["fraction_closed_ci90"]
             above = far["gap_recalibrated"] - far["noise_floor"]
             ends = [far["gap_recalibrated"] - above * share for share in (high, low)]
-            axes.plot(ends, [place[-1], place[-1]], color="#222222", lw=1.2)
-        axes.set_yticks(place, [name for name, _, _ in steps])
+            axes.plot(ends, [height[-1], height[-1]], color="#222222", lw=1.2)
+        axes.set_yticks(height, [name for name, _, _ in steps])
         axes.set_xlabel("gap on held-out drives: mean squared difference [noise of the drives]")
         axes.margins(x=0.12)
         axes.legend(frameon=False, fontsize=8)

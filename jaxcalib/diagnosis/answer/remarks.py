@@ -18,7 +18,7 @@ MANY_FLOORS = 4.0  # gaps of null cases on four held-out drives are 1 to 2 floor
 def not_testable(findings: Findings) -> dict[str, str]:
     """Return the effects that could not be judged, each with the reason."""
     reasons = {}
-    tested = {one.name for one in findings.explained}
+    tested = {explanation.name for explanation in findings.explained}
     for effect in EFFECTS:
         if effect.name in tested:
             continue
@@ -60,7 +60,7 @@ def warnings_of(findings: Findings) -> list[str]:
             "few, so the answer is a set."
         )
     shift = parameter_shift(findings.fitted.difference, findings.fitted.null)
-    far = [name for name, one in zip(findings.problem.layout.names, shift, strict=True) if abs(one) > FAR_STEPS]
+    far = [name for name, steps in zip(findings.problem.layout.names, shift, strict=True) if abs(steps) > FAR_STEPS]
     if far:
         warnings.append(
             f"the recalibration had not converged, or an effect bends it: {', '.join(far)} would move farther on all "

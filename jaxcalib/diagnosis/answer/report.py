@@ -38,7 +38,7 @@ def report_html(findings: Findings, diagnosis: Diagnosis) -> str:
         lanes=Markup(figures.lanes_figure(ledger)),
         ranking=Markup(figures.ranking_figure(diagnosis)),
         waterfall=Markup(figures.waterfall_figure(diagnosis)),
-        entries=[(one.cell.words, one) for one in ledger[:SHOWN_ENTRIES]],
+        entries=[(entry.cell.words, entry) for entry in ledger[:SHOWN_ENTRIES]],
         power=power_lines(diagnosis),
         number=lambda value: "-" if value is None else f"{value:.3g}",
     )
@@ -46,24 +46,24 @@ def report_html(findings: Findings, diagnosis: Diagnosis) -> str:
 
 def sentences(diagnosis: Diagnosis) -> list[str]:
     """The findings in whole sentences."""
-    found = [diagnosis.reason]
-    by_name = {one.effect: one for one in diagnosis.ranking}
+    lines = [diagnosis.reason]
+    by_name = {entry.effect: entry for entry in diagnosis.ranking}
     for name in diagnosis.effects:
-        one, effect = by_name[name], effect_named(name)
-        if one.strength is None or one.strength_ci90 is None:
+        entry, effect = by_name[name], effect_named(name)
+        if entry.strength is None or entry.strength_ci90 is None:
             continue
-        low, high = one.strength_ci90
-        text = f"{name.replace('_', ' ')} ({effect.title}): strength {one.strength:.3g}, "
+        low, high = entry.strength_ci90
+        text = f"{name.replace('_', ' ')} ({effect.title}): strength {entry.strength:.3g}, "
         text += f"between {low:.3g} and {high:.3g}, in {effect.unit}."
-        setting = one.place_and_time
+        setting = entry.place_and_time
         if "route_from_m" in setting:
             text += f" At {setting['route_from_m']:.0f} to {setting['route_to_m']:.0f} m of the route"
             text += (
                 f", {setting['time_from_s']:.0f} to {setting['time_to_s']:.0f} s." if "time_from_s" in setting else "."
             )
-        if one.absorption is not None and one.absorption > 0.5:
-            text += f" A calibration without it would hide {one.absorption:.0%} of it in other parameters."
-        found.append(text)
+        if entry.absorption is not None and entry.absorption > 0.5:
+            text += f" A calibration without it would hide {entry.absorption:.0%} of it in other parameters."
+        lines.append(text)
     far = diagnosis.how_far
     if far.get("fraction_closed") is not None:
         share = f"{far['fraction_closed']:.0%}"
@@ -71,8 +71,8 @@ def sentences(diagnosis: Diagnosis) -> list[str]:
         if far.get("fraction_closed_ci90"):
             low, high = far["fraction_closed_ci90"]
             text += f" (90 % interval {low:.0%} to {high:.0%})"
-        found.append(text + ".")
-    return found
+        lines.append(text + ".")
+    return lines
 
 
 def power_lines(diagnosis: Diagnosis) -> list[tuple[str, str]]:

@@ -175,9 +175,9 @@ def joined_tallies(one: DriveTallies, other: DriveTallies) -> DriveTallies:
     """Return the drives of both, one after the other; what a drive lacks counts as never observed."""
     cells = tuple(dict.fromkeys(one.cells + other.cells))
     above, below = np.zeros((2, len(one) + len(other), len(cells)))
-    place = {cell: index for index, cell in enumerate(cells)}
+    column = {cell: index for index, cell in enumerate(cells)}
     for tallies, drives in ((one, slice(0, len(one))), (other, slice(len(one), None))):
-        columns = [place[cell] for cell in tallies.cells]
+        columns = [column[cell] for cell in tallies.cells]
         above[drives, columns], below[drives, columns] = tallies.above, tallies.below
     depart_s = np.concatenate([one.depart_s, other.depart_s])
     if one.run is None and other.run is None:

@@ -57,12 +57,12 @@ class FrameRecorder(eqx.Module):
                 jnp.round(jnp.nan_to_num(frame.object_lateral_m) / LATERAL_STEP_M),
             ]
         ).astype(jnp.int16)[:, order]  # fmt: skip
-        place = jnp.where(frame.valid, state.number, self.num_frames)  # what is not valid falls off the end
+        slot = jnp.where(frame.valid, state.number, self.num_frames)  # what is not valid falls off the end
         return RecordedFrames(
             state.number + frame.valid,
-            state.subject.at[place].set(subject, mode="drop"),
+            state.subject.at[slot].set(subject, mode="drop"),
             # a narrow road has fewer objects than there are places
-            state.objects.at[place, :, : objects.shape[1]].set(objects, mode="drop"),
+            state.objects.at[slot, :, : objects.shape[1]].set(objects, mode="drop"),
         )
 
     def finish(self, state: RecordedFrames) -> Float[Array, " word"]:
@@ -77,9 +77,9 @@ class FrameRecorder(eqx.Module):
         subject = observed[1:end].reshape(self.num_frames, NUM_SUBJECT_VALUES)[:number].astype(np.float64)
         objects = observed[end:].reshape(self.num_frames, 5, self.num_objects)[:number]
         flags = objects[:, 3].astype(np.int64)
-        instant, place = np.nonzero(flags & SEEN_BIT)
-        offset, speed, track, _, lateral = (objects[instant, value, place] for value in range(5))
-        flags = flags[instant, place]
+        instant, slot = np.nonzero(flags & SEEN_BIT)
+        offset, speed, track, _, lateral = (objects[instant, value, slot] for value in range(5))
+        flags = flags[instant, slot]
         offset_m = offset.astype(np.float64) * PLACE_STEP_M
         return DriveTable(
             interval_s=interval_s,

@@ -20,12 +20,12 @@ class Window:
 
     def setting(self) -> dict[str, float]:
         """Return it for people and files."""
-        found: dict[str, float] = {"route_from_m": self.from_m, "route_to_m": self.to_m}
+        setting: dict[str, float] = {"route_from_m": self.from_m, "route_to_m": self.to_m}
         if self.from_s is not None and self.to_s is not None:
-            found |= {"time_from_s": self.from_s, "time_to_s": self.to_s}
+            setting |= {"time_from_s": self.from_s, "time_to_s": self.to_s}
         if self.lane is not None:
-            found["lane_from_left"] = float(self.lane)
-        return found
+            setting["lane_from_left"] = float(self.lane)
+        return setting
 
     def effect_setting(self, strength: float) -> EffectSetting:
         """The setting of an effect here, as a simulator takes it."""

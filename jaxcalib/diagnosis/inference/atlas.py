@@ -43,25 +43,25 @@ def parameter_trials(layout: ParameterLayout, values: np.ndarray, num_runs: int,
     """Return the trials for slopes, the baseline first; runs before the first were made before."""
     steps = parameter_steps(layout, values)
     trials = [Trial(BASELINE, _tuple(values), num_runs, first_run=first_run)]
-    for place, name in enumerate(layout.names):
+    for number, name in enumerate(layout.names):
         for sign in (1.0, -1.0):
             moved = values.copy()
-            moved[place] = max(moved[place] + sign * steps[place], 0.0)
+            moved[number] = max(moved[number] + sign * steps[number], 0.0)
             trials.append(Trial(f"{name} {sign:+.0f}", _tuple(moved), num_runs, first_run=first_run))
     return trials
 
 
-def slopes_of(layout: ParameterLayout, found: Mapping[str, DriveTallies], cells: Sequence[Cell]) -> Slopes:
+def slopes_of(layout: ParameterLayout, tallies: Mapping[str, DriveTallies], cells: Sequence[Cell]) -> Slopes:
     """Return the slopes that parameter trials show."""
     size = (len(cells), len(layout.names))
     slope, error = np.zeros(size), np.zeros(size)
-    influence = [paired_difference(found[BASELINE], found[BASELINE], cells)[2]]
-    for place, name in enumerate(layout.names):
-        up, down = found[f"{name} +1"], found[f"{name} -1"]
+    influence = [paired_difference(tallies[BASELINE], tallies[BASELINE], cells)[2]]
+    for column, name in enumerate(layout.names):
+        up, down = tallies[f"{name} +1"], tallies[f"{name} -1"]
         difference, noise, own = paired_difference(up, down, cells)
         other = paired_difference(down, up, cells)[2]
-        slope[:, place] = 0.5 * difference
-        error[:, place] = np.where(np.isfinite(noise), 0.5 * noise, 0.0)
+        slope[:, column] = 0.5 * difference
+        error[:, column] = np.where(np.isfinite(noise), 0.5 * noise, 0.0)
         influence += [own, other]
     return Slopes(slope, error, np.vstack(influence))
 
@@ -91,17 +91,17 @@ def effect_strengths(effect: Effect, window: Window | None) -> tuple[float, ...]
 
 
 def surrogate_signatures(
-    trials: Sequence[EffectTrial], found: Mapping[str, DriveTallies], null: NullModel
+    trials: Sequence[EffectTrial], tallies: Mapping[str, DriveTallies], null: NullModel
 ) -> dict[str, list[Signature]]:
     """Return the signatures that trials show, by effect, in units of noise; a trial whose runs failed shows none."""
     groups: dict[tuple[str, Window | None], list[EffectTrial]] = {}
-    for one in trials:
-        if not has_pairs(found[one.trial.name], found[BASELINE]):
+    for tried in trials:
+        if not has_pairs(tallies[tried.trial.name], tallies[BASELINE]):
             continue
-        groups.setdefault((one.effect.name, one.window), []).append(one)
+        groups.setdefault((tried.effect.name, tried.window), []).append(tried)
     signatures: dict[str, list[Signature]] = {}
     for (name, window), members in groups.items():
-        rows = [paired_difference(found[m.trial.name], found[BASELINE], null.cells)[:2] for m in members]
+        rows = [paired_difference(tallies[m.trial.name], tallies[BASELINE], null.cells)[:2] for m in members]
         setting = window.setting() if window else {}
         signature = _signature(name, setting, [m.strength for m in members], rows, null)
         signatures.setdefault(name, []).append(signature)
@@ -116,7 +116,7 @@ def altered_signatures(
     Sensor effects are exact there. Effects with a rhythm get their identities from there and the rest from the
     surrogate; each rhythm is a signature of its own, for it does not lie between two others.
     """
-    found: dict[str, list[Signature]] = {}
+    signatures: dict[str, list[Signature]] = {}
     names = dict.fromkeys(name for name, _ in runs.altered)
     for name in (name for name in names if effect_named(name).is_sensor_s):
         strengths = sorted(strength for effect, strength in runs.altered if effect == name)
@@ -126,23 +126,23 @@ def altered_signatures(
             if chosen:
                 rows = [_altered(runs, name, strength, null) for strength in chosen]
                 signature = _signature(name, {}, chosen, rows, null, altered_exactness(name, null.cells))
-                found.setdefault(name, []).append(signature)
+                signatures.setdefault(name, []).append(signature)
     is_identity = np.asarray([cell.channel == Channel.IDENTITY for cell in null.cells])
     for name in (name for name in names if not effect_named(name).is_sensor_s):
         strengths = sorted(strength for effect, strength in runs.altered if effect == name)
         for strength in strengths:
             shift, error = _altered(runs, name, strength, null)
             shift, error = shift / null.deviation, error / null.deviation
-            for one in behaviour.get(name, ()):
-                traffic, noise = one.at(strength)
+            for in_traffic in behaviour.get(name, ()):
+                traffic, noise = in_traffic.at(strength)
                 both = np.where(is_identity, shift, traffic)
                 noises = np.where(is_identity, error, noise)
                 grid = np.asarray([0.0, strength])
                 zero = np.zeros_like(both)
-                found.setdefault(name, []).append(
+                signatures.setdefault(name, []).append(
                     Signature(name, {}, grid, np.stack([zero, both]), np.stack([zero, noises]), is_fixed=True)
                 )
-    return found
+    return signatures
 
 
 def altered_exactness(name: str, cells: Sequence[Cell]) -> np.ndarray:

@@ -148,7 +148,7 @@ class BaselineMaker:
 
     def _surrogate_at(self, values: np.ndarray, best: Baseline) -> DriveTallies:
         """Return the surrogate's runs at some values, counted as for a baseline; they are made once."""
-        trial = Trial("moved", tuple(float(one) for one in values), self.plan.slope_runs)
+        trial = Trial("moved", tuple(float(value) for value in values), self.plan.slope_runs)
         part = f"moved {trial.values!r} from {best.values.tolist()!r}"
         return self.parts.tallies(part, lambda: best.runner.run([trial], self.progress.surrogate_runs))[trial.name]
 

@@ -38,12 +38,13 @@ def cross_validated_gains(
     except NotTestableError:
         return {}
     gains = dict.fromkeys([name for name in names if name in signatures], 0.0)
-    for one, other in (parts, parts[::-1]):
-        before = log_density(other.difference, other.null.covariance)[0]
+    for fitted_half, other_half in (parts, parts[::-1]):
+        before = log_density(other_half.difference, other_half.null.covariance)[0]
         for name in gains:
-            several = [moved(signature, fitted, one) for signature in signatures[name]]
-            found = explain(one.difference, one.null, several, effect_named(name).medium, num_places.get(name, 1))
-            assert found.shift is not None
-            shift = transfer(found.shift, one.null, other.null)
-            gains[name] += log_density(other.difference - shift, other.null.covariance)[0] - before
+            several = [moved(signature, fitted, fitted_half) for signature in signatures[name]]
+            medium, places = effect_named(name).medium, num_places.get(name, 1)
+            explained = explain(fitted_half.difference, fitted_half.null, several, medium, places)
+            assert explained.shift is not None
+            shift = transfer(explained.shift, fitted_half.null, other_half.null)
+            gains[name] += log_density(other_half.difference - shift, other_half.null.covariance)[0] - before
     return gains

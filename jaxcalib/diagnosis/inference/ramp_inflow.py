@@ -24,7 +24,7 @@ def explain_ramps(none_evidence: float, ratios: dict[int, tuple[float, float]], 
         ratios: for each ramp's input its calibrated value over the scenario's, and the error of that.
         main_ratio: the same of the main entrance: what a busy day does to all.
     """
-    found = []
+    ramps = []
     for number, (ratio, error) in ratios.items():
         centre = 0.5 * (1.0 + np.clip(main_ratio, 0.8, 1.2))
         ordinary = norm.logpdf(ratio, centre, np.hypot(ORDINARY_DEVIATION, error))
@@ -33,13 +33,13 @@ def explain_ramps(none_evidence: float, ratios: dict[int, tuple[float, float]], 
         density = norm.pdf(ratio, centre * (1.0 + errors), np.hypot(error, 0.03))
         strength = float(density @ errors / max(density.sum(), 1e-300))
         spread = float(np.sqrt(max(density @ (errors - strength) ** 2 / max(density.sum(), 1e-300), 0.0)))
-        found.append((float(np.log(density.mean() + 1e-300) - ordinary), number, strength, spread))
-    if not found:
+        ramps.append((float(np.log(density.mean() + 1e-300) - ordinary), number, strength, spread))
+    if not ramps:
         return None
-    gain, number, strength, spread = max(found)
+    gain, number, strength, spread = max(ramps)
     return Explained(
         RAMP_INFLOW_ERROR.name,
-        none_evidence + gain - float(np.log(len(found))),
+        none_evidence + gain - float(np.log(len(ramps))),
         strength=strength,
         interval=(strength - HALF_WIDTH_90 * spread, strength + HALF_WIDTH_90 * spread),
         setting={"input": float(number)},

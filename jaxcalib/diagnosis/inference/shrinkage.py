@@ -74,12 +74,12 @@ def differences_by_chance(
     all_values = _seen_values(runs, null)
     size = min(num_drives, len(runs) // 2)
     scale = np.sqrt((1.0 / num_drives + 1.0 / runs.num_independent) / (1.0 / size - 1.0 / len(runs)))
-    found = []
+    differences = []
     for _ in range(NUM_SETS):
         drawn = runs.take(random.permutation(len(runs))[:size])
         values = np.where(drawn.below.sum(axis=0) > 0, drawn.values(), all_values)
-        found.append(scale * (null.standardised(values) - null.standardised(all_values)))
-    return np.asarray(found)
+        differences.append(scale * (null.standardised(values) - null.standardised(all_values)))
+    return np.asarray(differences)
 
 
 def floor_of_drives(
@@ -92,13 +92,13 @@ def floor_of_drives(
     if len(drives) < FEWEST_DRIVES:
         return None
     size = len(drives) // 2
-    found = []
+    gaps = []
     for _ in range(NUM_SPLITS):
         one, other = (drives.take(half) for half in np.split(random.permutation(len(drives)), [size]))
         apart = null.standardised(one.values()) - null.standardised(other.values())
         scale = (1.0 / num_drives + 1.0 / num_runs) / (1.0 / size + 1.0 / (len(drives) - size))
-        found.append(scale * gap(apart))
-    return float(np.mean(found))
+        gaps.append(scale * gap(apart))
+    return float(np.mean(gaps))
 
 
 def _seen_values(runs: DriveTallies, null: NullModel) -> np.ndarray:
@@ -132,10 +132,10 @@ def measure_shrinkage(
     gap = Gap.of(null, None if explained_runs is None else explained_runs.deviation(null, len(tallies)))
     difference = null.standardised(tallies.values())
     left = {name: difference - shift for name, shift in expected.items() if shift is not None}
-    gaps = {name: gap(one) for name, one in left.items()}
+    gaps = {name: gap(remaining) for name, remaining in left.items()}
     runs = simulated if explained_runs is None else explained_runs.with_effect
     by_chance = differences_by_chance(runs, null, len(tallies), random)
-    chance = np.asarray([gap(one) for one in by_chance])
+    chance = np.asarray([gap(drawn) for drawn in by_chance])
     floor = float(chance.mean())
     if fit_drives is not None:
         told = floor_of_drives(on_cells(fit_drives, null.cells), null, gap, len(tallies), runs.num_independent, random)

@@ -49,17 +49,17 @@ def atlas_of(
     precision, raw = np.linalg.inv(null.covariance), np.linalg.inv(null.noise)
     by_chance, alike_error = raw * null.noise, alike_errors(null)
     random = np.random.default_rng(0).standard_normal((len(precision) + 1, NUM_FIELDS))
-    chosen: dict[str, Signature] = {}
-    for name, several in signatures.items():
-        chosen[name] = max(
-            several, key=lambda one: float(one.shift[-1] @ precision @ one.shift[-1]) / one.strengths[-1]
-        )
+
+    def slope(signature: Signature) -> float:
+        return float(signature.shift[-1] @ precision @ signature.shift[-1]) / signature.strengths[-1]
+
+    chosen = {name: max(several, key=slope) for name, several in signatures.items()}
     root = np.linalg.cholesky(precision).T
-    whitened = {name: root @ one.shift[-1] for name, one in chosen.items()}
+    whitened = {name: root @ signature.shift[-1] for name, signature in chosen.items()}
     entries = {}
-    for name, one in chosen.items():
+    for name, strongest in chosen.items():
         seen = whitened[name] @ whitened[name]
-        total = float(one.shift[-1] @ raw @ one.shift[-1])
+        total = float(strongest.shift[-1] @ raw @ strongest.shift[-1])
         alike = {}
         for other, vector in whitened.items():
             length = np.linalg.norm(vector) * np.linalg.norm(whitened[name])
@@ -71,7 +71,7 @@ def atlas_of(
             _visible_from(
                 [
                     _Judge(each, medium, share * null.covariance, alike_error, cost, _true_shares(each, raw, by_chance))
-                    for each in (signatures[name] if one.is_fixed else [one])
+                    for each in (signatures[name] if strongest.is_fixed else [strongest])
                 ],
                 random,
             )
@@ -91,7 +91,7 @@ class _Judge:
 
     def __init__(
         self,
-        one: Signature,
+        signature: Signature,
         medium: float,
         covariance: np.ndarray,
         alike: np.ndarray,
@@ -101,21 +101,21 @@ class _Judge:
         """Prepare what all fields share.
 
         Args:
-            one: the signature.
-            medium: medium strength of its effect.
+            signature: of the effect.
+            medium: its medium strength.
             covariance: of the null.
             alike: correlations of what a signature may be wrong by.
             cost: of the places and times that were looked at, in log evidence.
             true_shares: what of the signature is no chance of its runs, at each known strength but 0.
         """
-        self.strengths = one.strengths
-        self.is_fixed = one.is_fixed
-        self._one, self._covariance, self._alike = one, covariance, alike
+        self.strengths = signature.strengths
+        self.is_fixed = signature.is_fixed
+        self._signature, self._covariance, self._alike = signature, covariance, alike
         self._cost, self._true_shares = cost, true_shares
         self._none = np.linalg.cholesky(covariance)
         self._explanations = []
-        for strength in strengths_of(one, medium):
-            shift, uncertain = predicted(one, strength, alike)
+        for strength in strengths_of(signature, medium):
+            shift, uncertain = predicted(signature, strength, alike)
             self._explanations.append((shift, np.linalg.cholesky(covariance + uncertain)))
 
     def power(self, strength: float, random: np.ndarray) -> float:
@@ -125,23 +125,25 @@ class _Judge:
         """
         known = self.strengths[1:]
         not_true = 1.0 - np.interp(strength, known, self._true_shares)
-        uncertain = predicted(self._one, strength, self._alike)[1] - np.diag(not_true * self._one.at(strength)[1] ** 2)
-        shown = strength * np.exp(TRACE_ERROR * np.mean(self._one.exactness) * random[-1])
+        uncertain = predicted(self._signature, strength, self._alike)[1] - np.diag(
+            not_true * self._signature.at(strength)[1] ** 2
+        )
+        shown = strength * np.exp(TRACE_ERROR * np.mean(self._signature.exactness) * random[-1])
         true = np.interp(shown, known, self._true_shares)
-        shift = true * np.stack([self._one.at(each)[0] for each in shown], axis=1)
+        shift = true * np.stack([self._signature.at(each)[0] for each in shown], axis=1)
         fields = shift + np.linalg.cholesky(self._covariance + uncertain) @ random[:-1]
         values = [_log_density(fields - at[:, None], root) for at, root in self._explanations]
         gain = logsumexp(values, axis=0) - np.log(len(values)) - self._cost - _log_density(fields, self._none)
         return float(np.mean(gain >= LEAST_EVIDENCE))
 
 
-def _true_shares(one: Signature, inverse: np.ndarray, by_chance: np.ndarray) -> list[float]:
+def _true_shares(signature: Signature, inverse: np.ndarray, by_chance: np.ndarray) -> list[float]:
     """Share of a measured signature that is no chance of its runs, on the average, at each known strength but 0.
 
     `inverse` is that of the noise, and `by_chance` the same times the noise, element by element.
     """
     shares = []
-    for shift, error in zip(one.shift[1:], one.error[1:], strict=True):
+    for shift, error in zip(signature.shift[1:], signature.error[1:], strict=True):
         size = float(shift @ inverse @ shift)
         shares.append(max(1.0 - float(error @ by_chance @ error) / size, 0.0) if size > 0.0 else 0.0)
     return shares
@@ -156,15 +158,15 @@ def _log_density(differences: np.ndarray, root: np.ndarray) -> np.ndarray:
 def _visible_from(several: Sequence[_Judge], random: np.ndarray) -> float | None:
     """Return the weakest strength that enough fields show; of fixed signatures the weakest that is."""
     if several[0].is_fixed:
-        visible = [float(one.strengths[-1]) for one in several if one.power(one.strengths[-1], random) >= POWER]
+        visible = [float(judge.strengths[-1]) for judge in several if judge.power(judge.strengths[-1], random) >= POWER]
         return min(visible, default=None)
-    (one,) = several
-    low, high = WEAKEST * one.strengths[-1], STRONGEST * one.strengths[-1]
-    if one.power(high, random) < POWER:
+    (judge,) = several
+    low, high = WEAKEST * judge.strengths[-1], STRONGEST * judge.strengths[-1]
+    if judge.power(high, random) < POWER:
         return None
-    if one.power(low, random) >= POWER:
+    if judge.power(low, random) >= POWER:
         return float(low)
     for _ in range(HALVINGS):
         middle = np.sqrt(low * high)
-        low, high = (low, middle) if one.power(middle, random) >= POWER else (middle, high)
+        low, high = (low, middle) if judge.power(middle, random) >= POWER else (middle, high)
     return float(high)

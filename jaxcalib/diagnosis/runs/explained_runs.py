@@ -81,9 +81,9 @@ class ExplainedRunner:
         if effect_named(signature.effect).is_sensor_s:
             return None
         trial = self._trial(signature, moved_values(self.values, self._step_sizes, steps), strength)
-        found = self.run_trials([trial])
-        made = ExplainedRuns(found[trial.name], found[BASELINE])
-        return made if has_pairs(found[trial.name], found[BASELINE]) else None
+        tallies = self.run_trials([trial])
+        made = ExplainedRuns(tallies[trial.name], tallies[BASELINE])
+        return made if has_pairs(tallies[trial.name], tallies[BASELINE]) else None
 
     def in_sumo(self, signature: Signature, steps: np.ndarray, strength: float) -> ExplainedRuns | None:
         """Return SUMO's runs with an effect; None where they fail, or where it has no means for the effect."""
@@ -111,18 +111,18 @@ class ExplainedRunner:
             return known
         values = moved_values(self.values, self._step_sizes, steps)
         here = self._trial(signature, values, strength)
-        moved = [values + self._step_sizes * (np.arange(len(values)) == place) for place in range(len(values))]
-        away = [self._trial(signature, one, strength, SLOPE_SHARE) for one in moved]
+        moved = [values + self._step_sizes * (np.arange(len(values)) == number) for number in range(len(values))]
+        away = [self._trial(signature, there, strength, SLOPE_SHARE) for there in moved]
         widths = [1.0] * len(away)
         if not signature.is_fixed:
             away.append(self._trial(signature, values, (1.0 - STRENGTH_DROP) * strength, SLOPE_SHARE))
             widths.append(-STRENGTH_DROP * strength)
-        found = self.run_trials([here, *away])
+        tallies = self.run_trials([here, *away])
         slopes = known.copy()
-        for place, (trial, width) in enumerate(zip(away, widths, strict=True)):
-            difference, error, _ = paired_difference(found[trial.name], found[here.name], self.null.cells)
+        for column, (trial, width) in enumerate(zip(away, widths, strict=True)):
+            difference, error, _ = paired_difference(tallies[trial.name], tallies[here.name], self.null.cells)
             is_shown = np.isfinite(error)
-            slopes[is_shown, place] = (difference / self.null.deviation)[is_shown] / width
+            slopes[is_shown, column] = (difference / self.null.deviation)[is_shown] / width
         return slopes
 
     @property
@@ -131,7 +131,7 @@ class ExplainedRunner:
 
     def _trial(self, signature: Signature, values: np.ndarray, strength: float, share: float = 1.0) -> Trial:
         setting = _setting(signature, strength)
-        told = tuple(float(one) for one in values)
+        told = tuple(float(value) for value in values)
         num_runs = max(FEWEST_SLOPE_RUNS, round(share * self.num_runs))
         name = f"{signature.effect} {setting!r} {told!r} x{num_runs}"
         return Trial(name, told, num_runs, {signature.effect: setting})

@@ -44,10 +44,10 @@ class FinishedParts:
 
 def _load(file: Path) -> dict[str, DriveTallies]:
     with np.load(file, allow_pickle=False) as part:
-        found = {}
+        tallies = {}
         for number in range(len(part.files) // 6):
             cells = tuple(Cell.from_json(values) for values in json.loads(str(part[f"{number}_cells"])))
             above, below, depart_s = (part[f"{number}_{name}"] for name in ("above", "below", "depart_s"))
             run = part[f"{number}_run"] if len(part[f"{number}_run"]) else None
-            found[str(part[f"{number}_key"])] = DriveTallies(cells, above, below, depart_s, run)
-    return found
+            tallies[str(part[f"{number}_key"])] = DriveTallies(cells, above, below, depart_s, run)
+    return tallies

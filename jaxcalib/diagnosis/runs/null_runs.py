@@ -80,14 +80,14 @@ def sensor_strengths(effect: Effect, interval_s: float) -> tuple[float, ...]:
     """Strengths at which a sensor's effect is put into recorded drives."""
     strengths = (effect.weak, effect.medium, effect.strong)
     if effect.is_whole_steps:
-        strengths = tuple(sorted({max(1, round(one / interval_s)) * interval_s for one in strengths}))
-    return (*strengths, *(-one for one in strengths[1:])) if effect.is_signed else strengths
+        strengths = tuple(sorted({max(1, round(strength / interval_s)) * interval_s for strength in strengths}))
+    return (*strengths, *(-strength for strength in strengths[1:])) if effect.is_signed else strengths
 
 
 def departures_of_runs(problem: CalibrationProblem) -> list[tuple[float, ...]]:
     """Return the drives' departures, dealt to runs with several subject vehicles each."""
     departs_s = sorted({drive.depart_s for drive in problem.case.drives})
-    return departures_apart(departs_s) if problem.template.can_share_runs else [(one,) for one in departs_s]
+    return departures_apart(departs_s) if problem.template.can_share_runs else [(depart_s,) for depart_s in departs_s]
 
 
 def num_runs_for(problem: CalibrationProblem, num_drives: int) -> int:
@@ -152,7 +152,7 @@ def run_null(
 
     fold = TableFold(interval_s, count)
     perception = problem.case.perception
-    dealt, told = departures_of_runs(problem), tuple(float(one) for one in values)
+    dealt, told = departures_of_runs(problem), tuple(float(value) for value in values)
     requests = []
     for run in range(first_run, first_run + num_runs):
         departs_s = dealt[run % len(dealt)]

@@ -63,10 +63,10 @@ class Recalibrator:
         )
         initial = self.searched.initial
         try:
-            found = search_two_stages(
+            search = search_two_stages(
                 self.problem, initial, evaluator, Settings(), self.budget, self.session.timed_apart()
             )
         except AllRunsFailedError:
             return None
-        one, other = initial.space.values_of(np.stack([found.best, self.searched.found.best]))
-        return np.maximum(self.base + one - other, 0.0)
+        with_effects, without = initial.space.values_of(np.stack([search.best, self.searched.found.best]))
+        return np.maximum(self.base + with_effects - without, 0.0)

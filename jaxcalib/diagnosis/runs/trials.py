@@ -56,13 +56,13 @@ class TrialRunner:
                 else:
                     books.append(TallyBook())
             on_runs(len(part))
-        found, begin = {}, 0
+        tallies, begin = {}, 0
         for trial in trials:
             chosen = slice(begin, begin + trial.num_runs)
             departs = [request.depart_s for request in requests[chosen]]
-            found[trial.name] = gather_tallies(books[chosen], departs)
+            tallies[trial.name] = gather_tallies(books[chosen], departs)
             begin += trial.num_runs
-        return found
+        return tallies
 
 
 def pairs_of(one: DriveTallies, other: DriveTallies) -> np.ndarray:
@@ -89,9 +89,9 @@ def paired_difference(
     influence = np.zeros((len(runs), size))
     if not has_pairs(one, other):
         return difference, error, influence
-    at_one = {cell: place for place, cell in enumerate(one.cells)}
-    at_other = {cell: place for place, cell in enumerate(other.cells)}
-    shared = [place for place, cell in enumerate(cells) if cell in at_one and cell in at_other]
+    at_one = {cell: column for column, cell in enumerate(one.cells)}
+    at_other = {cell: column for column, cell in enumerate(other.cells)}
+    shared = [column for column, cell in enumerate(cells) if cell in at_one and cell in at_other]
     a = DriveTallies(tuple(cells[k] for k in shared), *_columns(one, [at_one[cells[k]] for k in shared], runs))
     b = DriveTallies(tuple(cells[k] for k in shared), *_columns(other, [at_other[cells[k]] for k in shared], runs))
     moved = a.influence() - b.influence()
