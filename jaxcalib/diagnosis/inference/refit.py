@@ -89,6 +89,15 @@ class MakesRuns(Protocol):
 
 
 @dataclass(frozen=True)
+class _Way:
+    """Where a descent begins, and what it goes to; in coordinates of `_Course`."""
+
+    target: Target
+    at: np.ndarray
+    slopes: np.ndarray  # as known there, [feature, coordinate]
+
+
+@dataclass(frozen=True)
 class _Course:
     """An explanation on its way, in coordinates that count prior deviations of the parameters and of the strength."""
 
@@ -96,17 +105,40 @@ class _Course:
     signature: Signature  # of the effect
     shift: np.ndarray  # what the contest expected of it, in units of noise
     strength: float  # its strength in the contest
-    unit: np.ndarray  # prior deviation of each parameter, in steps, and of the strength
+    most: float  # the largest strength it may have
+    maker: MakesRuns
+
+    @property
+    def unit(self) -> np.ndarray:
+        """Prior deviation of each parameter, in steps, and of the strength."""
+        return np.append(self.fitted.null.prior_steps, PRIOR_SHARE * self.strength)
 
     def there(self, at: np.ndarray) -> tuple[np.ndarray, float]:
         """Return the shift of the parameters, in steps, and the strength at a point."""
         return at[:-1] * self.unit[:-1], float(self.strength + at[-1] * self.unit[-1])
 
-    def bounds(self, most: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return the bounds of the coordinates, for a largest strength."""
+    def start(self) -> _Way:
+        """Where the contest's signature leads, before anything was run."""
+        null, signature, low, high = self.fitted.null, self.signature, *self._bounds()
+        slopes = np.column_stack([null.slope, tangent_of(signature, self.strength)]) * self.unit
+        at = linear_step(self.noise(signature.exactness), slopes, self.fitted.difference - self.shift, low, high)
+        # with the effect in the runs, no signature is stretched any more: what is left is that the road's has another
+        # form
+        noise = self.noise_of(np.minimum(signature.exactness, CHECKED_EXACTNESS))
+        return _Way(Target(self.fitted.difference, noise, low, high, np.zeros_like(at)), at, slopes)
+
+    def descend(self, way: _Way, make: _Makes, most_points: int) -> Descent | None:
+        """Return where steps lead, with the runs that `make` makes; None where they fail."""
+
+        def measure_slopes(at: np.ndarray, known: np.ndarray) -> np.ndarray:
+            return self.maker.slopes(self.signature, *self.there(at), known / self.unit) * self.unit
+
+        return descend(way.target, way.at, way.slopes, self.run_with(make), measure_slopes, most_points)
+
+    def _bounds(self) -> tuple[np.ndarray, np.ndarray]:
         low, high = np.full(len(self.unit), -np.inf), np.full(len(self.unit), np.inf)
         low[-1] = (LEAST_SHARE - 1.0) * self.strength / self.unit[-1]
-        high[-1] = (most - self.strength) / self.unit[-1]
+        high[-1] = (self.most - self.strength) / self.unit[-1]
         return low, high
 
     def noise(self, exactness: float | np.ndarray) -> np.ndarray:
@@ -164,69 +196,81 @@ def refit(
         known_steps: shift of the parameters, in steps, that fits with another explanation: where to begin anew, which
             saves a search.
     """
-    assert best.shift is not None
-    signature, strength = signature_behind(signatures, best), abs(best.strength)
-    unit = np.append(fitted.null.prior_steps, PRIOR_SHARE * strength)
-    course = _Course(fitted, signature, best.shift, strength, unit)
-    most = max(MOST_STRENGTH * effect_named(best.name).strong, strength)
-    low, high = course.bounds(most)
-    slopes = np.column_stack([fitted.null.slope, tangent_of(signature, strength)]) * unit
-    at = linear_step(course.noise(signature.exactness), slopes, fitted.difference - best.shift, low, high)
-
-    def measure_slopes(at: np.ndarray, known: np.ndarray) -> np.ndarray:
-        return maker.slopes(signature, *course.there(at), known / unit) * unit
-
-    # with the effect in the runs, no signature is stretched any more: what is left is that the road's has another form
-    noise = course.noise_of(np.minimum(signature.exactness, CHECKED_EXACTNESS))
-    target = Target(fitted.difference, noise, low, high, np.zeros_like(at))
-
-    def descent_to(target: Target, at: np.ndarray, slopes: np.ndarray, make: _Makes, points: int) -> Descent | None:
-        return descend(target, at, slopes, course.run_with(make), measure_slopes, points)
-
-    found = descent_to(target, at, slopes, maker.in_surrogate, MOST_SURROGATE_POINTS)
-    if found is not None and found.nearest.square > most_misfit(len(best.shift)):
-        strength_there = course.there(found.nearest.at)[1]
-        steps = maker.recalibrated(signature, strength_there) if known_steps is None else known_steps
-        if steps is not None:
-            # what a calibration leaves open lies around its own result, with the effect in as without
-            anew = replace(target, center=np.append(steps / unit[:-1], 0.0))
-            elsewhere = np.append(steps / unit[:-1], found.nearest.at[-1])
-            other = descent_to(anew, elsewhere, found.slopes, maker.in_surrogate, MOST_SURROGATE_POINTS)
-            if other is not None and other.nearest.loss < found.nearest.loss:
-                found, target = other, anew
-    strength_in_surrogate = None
-    if found is not None:
-        slopes, at = found.slopes, found.nearest.at + found.step
-        strength_in_surrogate = course.there(at)[1]
-    in_sumo = descent_to(target, at, slopes, maker.in_sumo, most_sumo_points)
-    num_sumo_runs = 0 if in_sumo is None else in_sumo.num_runs
-    found = in_sumo or found
-    if found is None:
+    course = _course_of(fitted, best, signatures, maker)
+    in_surrogate, way = _descend_in_surrogate(course, known_steps)
+    in_sumo = course.descend(way, maker.in_sumo, most_sumo_points)
+    descent = in_sumo or in_surrogate
+    if descent is None:
         return None
-    steps, strength = course.there(found.nearest.at + found.step)
-    sharpness = precision(found.nearest.noise, found.slopes)
-    error = float(unit[-1] * np.sqrt(np.linalg.inv(sharpness)[-1, -1]))
-    if in_sumo is not None and strength_in_surrogate is not None:
-        error = float(np.hypot(error, (strength - strength_in_surrogate) / np.sqrt(2.0)))
-    deviation = HALF_WIDTH_90 * error
-    interval = (max(strength - deviation, 0.0), max(min(strength + deviation, most), strength))
-    if signature.is_fixed:  # known at some strengths only: halfway to the next one on either side, at least
-        tried = np.unique([one.strengths[-1] for one in signatures])
-        half = 0.5 * np.diff(tried).min() if len(tried) > 1 else TANGENT_SHARE * strength
-        least, greatest = sorted(signature.sign * one for one in best.interval)
-        interval = (max(min(least, strength - half), 0.0), max(greatest, strength + half))
+    nearest = descent.nearest
+    steps, strength = course.there(nearest.at + descent.step)
+    sharpness = precision(nearest.noise, descent.slopes)
+    error = float(course.unit[-1] * np.sqrt(np.linalg.inv(sharpness)[-1, -1]))
+    if in_sumo is not None and in_surrogate is not None:
+        error = float(np.hypot(error, (strength - course.there(way.at)[1]) / np.sqrt(2.0)))
     return Refit(
         effect=best.name,
-        sign=signature.sign,
+        sign=course.signature.sign,
         strength=strength,
-        interval_90=(float(interval[0]), float(interval[1])),
+        interval_90=_interval_90(course, best, signatures, strength, error),
         steps=steps,
-        runs=found.nearest.runs,
-        correction=found.slopes @ found.step + course.unseen(found.nearest),
-        num_sumo_runs=num_sumo_runs,
-        misfit=found.nearest.square,
-        log_evidence=-0.5 * (found.nearest.loss + float(np.linalg.slogdet(sharpness)[1])),
+        runs=nearest.runs,
+        correction=descent.slopes @ descent.step + course.unseen(nearest),
+        num_sumo_runs=0 if in_sumo is None else in_sumo.num_runs,
+        misfit=nearest.square,
+        log_evidence=-0.5 * (nearest.loss + float(np.linalg.slogdet(sharpness)[1])),
     )
+
+
+def _course_of(fitted: Prepared, best: Explained, signatures: Sequence[Signature], maker: MakesRuns) -> _Course:
+    assert best.shift is not None
+    strength = abs(best.strength)
+    most = max(MOST_STRENGTH * effect_named(best.name).strong, strength)
+    return _Course(fitted, signature_behind(signatures, best), best.shift, strength, most, maker)
+
+
+def _descend_in_surrogate(course: _Course, known_steps: np.ndarray | None) -> tuple[Descent | None, _Way]:
+    """Return where the surrogate's runs lead, None where they fail, and the way that SUMO goes on from there."""
+    way = course.start()
+    descent = course.descend(way, course.maker.in_surrogate, MOST_SURROGATE_POINTS)
+    if descent is None:
+        return None, way
+    target = way.target
+    if descent.nearest.square > most_misfit(len(course.shift)):
+        descent, target = _descend_anew(course, target, descent, known_steps)
+    return descent, _Way(target, descent.nearest.at + descent.step, descent.slopes)
+
+
+def _descend_anew(
+    course: _Course, target: Target, descent: Descent, known_steps: np.ndarray | None
+) -> tuple[Descent, Target]:
+    """Return a descent in the surrogate that begins elsewhere, or the first one where that does not come nearer."""
+    strength = course.there(descent.nearest.at)[1]
+    steps = course.maker.recalibrated(course.signature, strength) if known_steps is None else known_steps
+    if steps is None:
+        return descent, target
+    # what a calibration leaves open lies around its own result, with the effect in as without
+    begin = steps / course.unit[:-1]
+    anew = replace(target, center=np.append(begin, 0.0))
+    way = _Way(anew, np.append(begin, descent.nearest.at[-1]), descent.slopes)
+    other = course.descend(way, course.maker.in_surrogate, MOST_SURROGATE_POINTS)
+    if other is not None and other.nearest.loss < descent.nearest.loss:
+        return other, anew
+    return descent, target
+
+
+def _interval_90(
+    course: _Course, best: Explained, signatures: Sequence[Signature], strength: float, error: float
+) -> tuple[float, float]:
+    """Return the interval of the strength; a fixed signature's reaches halfway to the next one on either side."""
+    deviation = HALF_WIDTH_90 * error
+    low, high = max(strength - deviation, 0.0), max(min(strength + deviation, course.most), strength)
+    if course.signature.is_fixed:
+        tried = np.unique([signature.strengths[-1] for signature in signatures])
+        half = 0.5 * np.diff(tried).min() if len(tried) > 1 else TANGENT_SHARE * strength
+        least, greatest = sorted(course.signature.sign * bound for bound in best.interval)
+        low, high = max(min(least, strength - half), 0.0), max(greatest, strength + half)
+    return float(low), float(high)
 
 
 def tangent_of(signature: Signature, strength: float) -> np.ndarray:
