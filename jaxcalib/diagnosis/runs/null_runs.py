@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from jaxcalib.diagnosis.features.features import DriveTallies, TallyBook, gather
 from jaxcalib.diagnosis.features.identities import count_identities
 from jaxcalib.problem.problem import FRAME_INTERVAL_S, CalibrationProblem
 from jaxcalib.runs.disk import checked_disk, writing_to_scratch
-from sim_adapters.interface import RunRequest
+from sim_adapters.interface import RunOutcome, RunRequest
 from sim_adapters.shared_runs import departures_apart, departures_s, drives_worth
 from sim_adapters.sumo.simulator import SensorRange, SumoSimulator
 from surrogate.effects.base import Effect, EffectSetting
@@ -22,6 +22,8 @@ from surrogate.road.drive_table import DriveTable, as_logged, drive_table
 from surrogate.road.perception import PerceptionFrame
 
 MOST_FAILED_SHARE = 0.5
+Alteration = tuple[str, float]  # effect and strength
+PLAIN: Alteration = ("", 0.0)
 
 
 @dataclass(frozen=True)
@@ -34,22 +36,39 @@ class NullRuns:
     """
 
     plain: DriveTallies
-    altered: Mapping[tuple[str, float], DriveTallies]
+    altered: Mapping[Alteration, DriveTallies]
 
 
-class TableFold:
-    """Keeps the tallies of each run; SUMO's adapter wants numbers, so it is given a ticket."""
+@dataclass(eq=False)
+class DriveCounter:
+    """Counts drives and altered versions of the first ones; SUMO's adapter wants numbers, so it is given a ticket."""
 
-    def __init__(self, interval_s: float, count: Callable[[DriveTable], dict[tuple[str, float], TallyBook]]) -> None:
-        """Prepare; `count` returns the tallies of a drive, by effect and strength."""
-        self._interval_s = interval_s
-        self._count = count
-        self.books: list[dict[tuple[str, float], TallyBook]] = []
+    features: DriveFeatures  # what is counted
+    interval_s: float  # time between frames
+    num_altered: int  # of how many drives altered versions are counted, too
+    alterations: Sequence[Alteration]
+    first_seed: int
+    books: list[dict[Alteration, TallyBook]] = field(default_factory=list)  # tallies of each drive
 
     def __call__(self, frames: PerceptionFrame) -> np.ndarray:
         """Count a drive."""
-        self.books.append(self._count(drive_table(frames, self._interval_s)))
-        return np.full(1, float(len(self.books) - 1))
+        number = len(self.books)
+        table = as_logged(drive_table(frames, self.interval_s), self.features.road.log)
+        books = {PLAIN: self.features.of_table(table)}
+        if number < self.num_altered:
+            books |= {alteration: self._count_altered(table, alteration, number) for alteration in self.alterations}
+        self.books.append(books)
+        return np.full(1, float(number))
+
+    def _count_altered(self, table: DriveTable, alteration: Alteration, number: int) -> TallyBook:
+        effect, strength = effect_named(alteration[0]), alteration[1]
+        random = np.random.default_rng((self.first_seed, number))
+        altered = alter_drive(table, effect, strength, self.features.road.log, random)
+        if effect.is_sensor_s:
+            return self.features.of_table(altered)
+        book = TallyBook()
+        count_identities(altered, self.features.road, book)
+        return book
 
 
 def fine_interval_s(problem: CalibrationProblem) -> float:
@@ -65,9 +84,9 @@ def fine_interval_s(problem: CalibrationProblem) -> float:
     return interval_s if whole and interval_s < FRAME_INTERVAL_S else FRAME_INTERVAL_S
 
 
-def alterations_of(interval_s: float) -> list[tuple[str, float]]:
+def alterations_of(interval_s: float) -> list[Alteration]:
     """Which effects at which strengths are put into the null runs; slow logs do not show when drivers act."""
-    chosen: list[tuple[str, float]] = []
+    chosen: list[Alteration] = []
     for effect in EFFECTS:
         if effect.is_sensor_s:
             chosen += [(effect.name, strength) for strength in sensor_strengths(effect, interval_s)]
@@ -106,13 +125,13 @@ def run_null(
     values: np.ndarray,
     num_runs: int,
     num_altered: int,
-    alterations: Sequence[tuple[str, float]],
+    alterations: Sequence[Alteration],
     first_seed: int,
     on_runs: Callable[[int], None],
     effects: Mapping[str, EffectSetting] | None = None,
     first_run: int = 0,
 ) -> NullRuns:
-    """Run SUMO with parameter values.
+    """Run SUMO with parameter values and count the drives.
 
     Args:
         problem: the problem.
@@ -130,42 +149,56 @@ def run_null(
         AllRunsFailedError: more than half of the runs failed.
         ResourceError: the disk is full.
     """
-    interval_s = fine_interval_s(problem)
-    road = features.road
-    number = [0]
+    counter = DriveCounter(features, fine_interval_s(problem), num_altered, alterations, first_seed)
+    runs = range(first_run, first_run + num_runs)
+    outcomes = _run(problem, counter, _requests(problem, values, runs, first_seed, effects or {}), on_runs)
+    good = [outcome for outcome in outcomes if outcome.status.is_ok]
+    if len(good) < (1.0 - MOST_FAILED_SHARE) * len(outcomes):
+        tail = next((outcome.log_tail for outcome in outcomes if outcome.log_tail), "")
+        raise AllRunsFailedError("the calibrated values failed in SUMO", tail)
+    kept = [(outcome.request, counter.books[int(outcome.observed[0])]) for outcome in good]
 
-    def count(table: DriveTable) -> dict[tuple[str, float], TallyBook]:
-        table = as_logged(table, road.log)
-        books = {("", 0.0): features.of_table(table)}
-        if number[0] < num_altered:
-            for name, strength in alterations:
-                random = np.random.default_rng((first_seed, number[0]))
-                effect = effect_named(name)
-                altered = alter_drive(table, effect, strength, road.log, random)
-                if effect.is_sensor_s:
-                    books[name, strength] = features.of_table(altered)
-                else:
-                    books[name, strength] = TallyBook()
-                    count_identities(altered, road, books[name, strength])
-        number[0] += 1
-        return books
+    def gathered(alteration: Alteration) -> DriveTallies:
+        shown = [(request, books[alteration]) for request, books in kept if alteration in books]
+        departs_s, seeds = ([getattr(request, name) for request, _ in shown] for name in ("depart_s", "seed"))
+        return gather_tallies([book for _, book in shown], departs_s, [seed - first_seed for seed in seeds])
 
-    fold = TableFold(interval_s, count)
-    perception = problem.case.perception
-    dealt, told = departures_of_runs(problem), tuple(float(value) for value in values)
+    return NullRuns(gathered(PLAIN), {alteration: gathered(alteration) for alteration in alterations})
+
+
+def _requests(
+    problem: CalibrationProblem,
+    values: np.ndarray,
+    runs: range,
+    first_seed: int,
+    effects: Mapping[str, EffectSetting],
+) -> list[RunRequest]:
+    """Return a request for each drive of the runs."""
+    dealt, vector = departures_of_runs(problem), tuple(float(value) for value in values)
     requests = []
-    for run in range(first_run, first_run + num_runs):
+    for run in runs:
         departs_s = dealt[run % len(dealt)]
         also_s = departs_s if len(departs_s) > 1 else ()
-        requests += [RunRequest(told, first_seed + run, depart_s, effects or {}, also_s) for depart_s in departs_s]
+        requests += [RunRequest(vector, first_seed + run, depart_s, effects, also_s) for depart_s in departs_s]
+    return requests
+
+
+def _run(
+    problem: CalibrationProblem,
+    counter: DriveCounter,
+    requests: Sequence[RunRequest],
+    on_runs: Callable[[int], None],
+) -> list[RunOutcome]:
+    """Make runs in SUMO, whose drives are counted, and return their outcomes in the order of the requests."""
+    perception = problem.case.perception
     outcomes = []
     with SumoSimulator(
         scenario=problem.scenario,
         layout=problem.layout,
-        fold=fold,
+        fold=counter,
         sensor=SensorRange(perception.ahead_m, perception.behind_m),
         subject_vehicle=problem.parts.subject.vehicle,
-        frame_interval_s=interval_s,
+        frame_interval_s=counter.interval_s,
         end_s=problem.parts.scenario.duration_s,
     ) as simulator:
         with writing_to_scratch():
@@ -174,15 +207,4 @@ def run_null(
             with writing_to_scratch():  # a run that failed is made again
                 outcomes += checked_disk([wait()])
             on_runs(int(request.depart_s == departures_s(request)[-1]))
-    good = [outcome for outcome in outcomes if outcome.status.is_ok]
-    if len(good) < (1.0 - MOST_FAILED_SHARE) * len(requests):
-        tail = next((outcome.log_tail for outcome in outcomes if outcome.log_tail), "")
-        raise AllRunsFailedError("the calibrated values failed in SUMO", tail)
-    kept = [(outcome.request, fold.books[int(outcome.observed[0])]) for outcome in good]
-
-    def gathered(key: tuple[str, float]) -> DriveTallies:
-        of_key = [(request, books[key]) for request, books in kept if key in books]
-        departs_s, runs = ([getattr(request, name) for request, _ in of_key] for name in ("depart_s", "seed"))
-        return gather_tallies([book for _, book in of_key], departs_s, [run - first_seed for run in runs])
-
-    return NullRuns(gathered(("", 0.0)), {key: gathered(key) for key in alterations})
+    return outcomes
