@@ -26,12 +26,18 @@ NUM_CLASSES_OF_EFFECTS = sum(effect.new_class is not None for effect in EFFECTS)
 SensorMemory = dict[str, Any]
 
 
+def _through(effects: Effects, hook: str, value: Any, *context: Any) -> Any:
+    """A value after all effects that act there; each is given what the one before has made of it."""
+    for effect in EFFECTS:
+        function = getattr(effect, hook)
+        if function is not None:
+            value = function(effects.dial(effect.name), value, *context)
+    return value
+
+
 def true_inputs(effects: Effects, inputs_vehph: Float[Array, " input"]) -> Float[Array, " input"]:
     """The inflows that there really are."""
-    for effect in EFFECTS:
-        if effect.inputs is not None:
-            inputs_vehph = effect.inputs(effects.dial(effect.name), inputs_vehph)
-    return inputs_vehph
+    return _through(effects, "inputs", inputs_vehph)
 
 
 def classes_with_effects(classes: tuple[VehicleClass, ...], effects: Effects) -> tuple[VehicleClass, ...]:
@@ -47,10 +53,7 @@ def classes_with_effects(classes: tuple[VehicleClass, ...], effects: Effects) ->
 
 def true_arrival(effects: Effects, gap: Float[Array, " entrance"], arrivals: Arrivals) -> Float[Array, " entrance"]:
     """The demand [veh] until the next vehicle arrives."""
-    for effect in EFFECTS:
-        if effect.arrival is not None:
-            gap = effect.arrival(effects.dial(effect.name), gap, arrivals)
-    return gap
+    return _through(effects, "arrival", gap, arrivals)
 
 
 def true_newcomers(
@@ -79,45 +82,29 @@ def with_memories(effects: Effects, vehicles: VehicleArrays, seed: Int[Array, ""
 
 def road_demands(effects: Effects, vehicles: VehicleArrays, road: Road, moment: Moment) -> VehicleArrays:
     """The vehicles with the limits and stops that there really are; asked when lanes are decided about."""
-    for effect in EFFECTS:
-        if effect.road is not None:
-            vehicles = effect.road(effects.dial(effect.name), vehicles, road, moment)
-    return vehicles
+    return _through(effects, "road", vehicles, road, moment)
 
 
 def perceive_situation(effects: Effects, situation: FollowingSituation, moment: Moment) -> FollowingSituation:
     """The situation as drivers see it."""
-    for effect in EFFECTS:
-        if effect.perceive is not None:
-            situation = effect.perceive(effects.dial(effect.name), situation, moment)
-    return situation
+    return _through(effects, "perceive", situation, moment)
 
 
 def habits_of(effects: Effects, moment: Moment) -> Habits:
     """Differences of drivers from their classes now."""
-    habits = Habits.usual(moment.vehicles.speed_mps)
-    for effect in EFFECTS:
-        if effect.adapt is not None:
-            habits = effect.adapt(effects.dial(effect.name), habits, moment)
-    return habits
+    return _through(effects, "adapt", Habits.usual(moment.vehicles.speed_mps), moment)
 
 
 def order_acceleration(
     effects: Effects, acceleration: Value, desired_mps: Value, model: CarFollowingMix, moment: Moment
 ) -> Value:
     """The acceleration that drivers order."""
-    for effect in EFFECTS:
-        if effect.command is not None:
-            acceleration = effect.command(effects.dial(effect.name), acceleration, desired_mps, model, moment)
-    return acceleration
+    return _through(effects, "command", acceleration, desired_mps, model, moment)
 
 
 def actuate(effects: Effects, acceleration: Value, moment: Moment) -> Value:
     """The acceleration that vehicles do."""
-    for effect in EFFECTS:
-        if effect.actuate is not None:
-            acceleration = effect.actuate(effects.dial(effect.name), acceleration, moment)
-    return acceleration
+    return _through(effects, "actuate", acceleration, moment)
 
 
 def remember_step(effects: Effects, moment: Moment, order_mps2: Value) -> VehicleArrays:
@@ -131,10 +118,7 @@ def remember_step(effects: Effects, moment: Moment, order_mps2: Value) -> Vehicl
 
 def decide_lanes(effects: Effects, decision: LaneChangeDecision, moment: Moment) -> LaneChangeDecision:
     """The vehicles' decisions about their lanes."""
-    for effect in EFFECTS:
-        if effect.decide is not None:
-            decision = effect.decide(effects.dial(effect.name), decision, moment)
-    return decision
+    return _through(effects, "decide", decision, moment)
 
 
 def with_lane_changes(

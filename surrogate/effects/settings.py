@@ -11,7 +11,6 @@ from surrogate.effects.registry import EFFECT_NUMBER, EFFECTS, effect_named
 
 EVERYWHERE_M = 1e9
 ALWAYS_S = 1e9
-NO_EFFECTS: Mapping[str, EffectSetting] = {}
 
 
 class Effects(eqx.Module):

@@ -20,7 +20,7 @@ class ProjectiveGeometry:
 
     order: int  # field order q
     num_coordinates: int  # coordinates n of a point
-    # one point per row, its first non-zero coordinate 1, in the order (1, a, b, ...), (0, 1, a, ...),
+    # one point per row, its first non-zero coordinate 1, in the order (1, a, b, ...), (0, 1, a, ...), ...
     points: Int[np.ndarray, "point coordinate"]
     line_through: Int[np.ndarray, "point point"]  # line through two points; -1 on the diagonal
     line_points: Int[np.ndarray, "line incidence"]  # the q + 1 points of each line, ascending

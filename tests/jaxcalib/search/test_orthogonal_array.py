@@ -7,14 +7,9 @@ from jaxtyping import Int
 
 from jaxcalib.search.orthogonal_arrays import column_choice
 from jaxcalib.search.orthogonal_arrays.galois_field import FIELD_ORDERS
-from jaxcalib.search.orthogonal_arrays.orthogonal_array import (
-    array_sizes,
-    has_strength_three,
-    has_strength_two,
-    is_balanced,
-    orthogonal_array,
-)
+from jaxcalib.search.orthogonal_arrays.orthogonal_array import array_sizes, orthogonal_array
 from jaxcalib.search.orthogonal_arrays.projective_geometry import projective_geometry
+from tests.jaxcalib.search.strength_of_arrays import has_strength_three, has_strength_two, is_balanced
 
 # Taguchi's L9(3^4), as printed in Montgomery, Design and Analysis of Experiments, and in most textbooks.
 TAGUCHI_L9 = np.array(

@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 
 from jaxcalib.errors import CaseError
 from jaxcalib.problem.parameter_space import ParameterSpace, Range
-from jaxcalib.search.orthogonal_arrays.orthogonal_array import has_strength_two
 from jaxcalib.sweeps.design import make_design
 from sim_adapters.interface import ParameterLayout
+from tests.jaxcalib.search.strength_of_arrays import has_strength_two
 
 LAYOUT = ParameterLayout(("main",), (("f",),), ("car",), ("tau", "minGap", "speedFactor", "lcKeepRight"))
 SPACE = ParameterSpace(
