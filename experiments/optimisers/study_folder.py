@@ -2,7 +2,6 @@
 
 import json
 import platform
-import subprocess
 from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib import metadata
@@ -13,6 +12,7 @@ import pandas as pd
 from filelock import FileLock, Timeout
 
 from jaxcalib.errors import CaseError
+from jaxcalib.runs.provenance import commit
 from sim_adapters.atomic_file import write_atomically
 
 FILE_NAME = "study.json"
@@ -55,23 +55,14 @@ def write_table(table: pd.DataFrame, path: Path, name: str) -> None:
 
 
 def _provenance() -> dict[str, Any]:
-    """Return versions and commit; the commit is null outside a repository."""
-    folder = Path(__file__).parent
-    try:
-        done = subprocess.run(
-            ["git", "describe", "--always", "--dirty", "--abbrev=40"], cwd=folder, capture_output=True, text=True
-        )
-        commit = done.stdout.strip() or None
-    except OSError:
-        commit = None
     versions = {"python": platform.python_version(), **{name: metadata.version(name) for name in LIBRARIES}}
-    return {"versions": versions, "commit": commit}
+    return {"versions": versions, "commit": commit()}
 
 
 def _check(file: Path, configuration: dict[str, Any]) -> None:
     try:
-        found = json.loads(file.read_text(encoding="utf-8"))
-        before, versions = dict(found["configuration"]), found["versions"]
+        begun = json.loads(file.read_text(encoding="utf-8"))
+        before, versions = dict(begun["configuration"]), begun["versions"]
     except (OSError, ValueError, KeyError, TypeError):
         raise CaseError(file, "", "expected what a study writes there; it cannot be read.") from None
     asked = json.loads(json.dumps(configuration))

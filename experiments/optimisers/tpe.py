@@ -1,54 +1,34 @@
 """Tree-structured Parzen estimator: Optuna's, multivariate, built anew from all that was told before each batch."""
 
-from dataclasses import dataclass, replace
-
 import numpy as np
 import optuna
-from jaxtyping import Float
 from optuna.distributions import BaseDistribution, FloatDistribution
 from optuna.trial import TrialState, create_trial
 
-from jaxcalib.search.optimiser import Optimiser, RoundInfo, Setting, Told, info_of
+from experiments.optimisers.batches import BatchOptimiser, Candidates
+from jaxcalib.search.optimiser import Setting, Told
 
 optuna.logging.set_verbosity(optuna.logging.WARNING)
 
 
-@dataclass(frozen=True)
-class TpeState:
-    """All that was told, and what is asked."""
-
-    setting: Setting
-    candidates: Float[np.ndarray, "candidate parameter"]
-    told: Told | None = None
-    num_batches: int = 1
-
-
-class Tpe(Optimiser):
+class Tpe(BatchOptimiser):
     """TPE in batches: running trials count as bad ones (the constant liar), so that a batch spreads."""
 
-    def init(self, setting: Setting) -> TpeState:
-        """Return the first state: the start, then what TPE begins with."""
-        rest = _draw(setting, None, 0)[1:]
-        return TpeState(setting, np.vstack([setting.start, rest]))
+    def first(self, setting: Setting) -> Candidates:
+        """Return the start, then what TPE begins with."""
+        return np.vstack([setting.start, _draw(setting, None, 0)[1:]])
 
-    def ask(self, state: TpeState) -> Float[np.ndarray, "candidate parameter"]:
-        """Return the batch."""
-        return state.candidates.copy()
-
-    def tell(self, state: TpeState, told: Told) -> tuple[TpeState, RoundInfo]:
-        """Return the state with the next batch."""
-        together = told.joined(state.told)
-        candidates = _draw(state.setting, together, state.num_batches)
-        state = replace(state, candidates=candidates, told=together, num_batches=state.num_batches + 1)
-        return state, info_of(told)
+    def following(self, setting: Setting, told: Told, number: int) -> Candidates:
+        """Return what TPE draws."""
+        return _draw(setting, told, number)
 
 
-def _draw(setting: Setting, told: Told | None, batch: int) -> Float[np.ndarray, "candidate parameter"]:
+def _draw(setting: Setting, told: Told | None, batch: int) -> Candidates:
     seed = int(np.random.SeedSequence([setting.seed, batch]).generate_state(1)[0])
     sampler = optuna.samplers.TPESampler(seed=seed, multivariate=True, constant_liar=True)
     study = optuna.create_study(direction="maximize", sampler=sampler)
     space: dict[str, BaseDistribution] = {
-        f"x{place}": FloatDistribution(0.0, 1.0) for place in range(setting.num_parameters)
+        f"x{number}": FloatDistribution(0.0, 1.0) for number in range(setting.num_parameters)
     }
     if told is not None:
         for point, accuracy in zip(told.points, told.accuracy, strict=True):

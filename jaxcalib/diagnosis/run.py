@@ -20,7 +20,7 @@ from jaxcalib.problem.engines import prepare_devices
 from jaxcalib.problem.problem import read_problem
 from jaxcalib.runs.disk import check_out, check_outside
 from jaxcalib.runs.progress import Progress
-from jaxcalib.runs.run_folder import RunFolder, identify
+from jaxcalib.runs.run_folder import identify
 from jaxcalib.runs.seeds import MOST_SEED
 from jaxcalib.runs.session import open_session
 
@@ -62,24 +62,24 @@ def diagnose(
     problem = read_problem(case, as_stated=True)
     identity = identify(problem.case, {"command": "diagnose", "seed": seed, "budget": budget})
     with open_session(out, identity, seed=seed, progress=progress, resume=resume, began_s=began_s) as work:
-        return _diagnose(begin_session(problem, budget, work), work.folder)
+        return _diagnose(begin_session(problem, budget, work))
 
 
-def _diagnose(session: DiagnosisSession, run_folder: RunFolder) -> Diagnosis:
+def _diagnose(session: DiagnosisSession) -> Diagnosis:
     calibrated = recalibrate(session)
     try:
         simulated = simulate_null(session, calibrated)
     except NotTestableError as error:
         diagnosis = refuse_drives(session, calibrated, error)
-        run_folder.write_text("diagnosis.json", diagnosis.to_json())
+        session.folder.write_text("diagnosis.json", diagnosis.to_json())
         return diagnosis
     findings = _investigate(session, calibrated, simulated)
     session.progress.stage("report")
     diagnosis = conclude(findings)
-    run_folder.write_text("diagnosis.json", diagnosis.to_json())
+    session.folder.write_text("diagnosis.json", diagnosis.to_json())
     from jaxcalib.diagnosis.answer.report import report_html
 
-    run_folder.write_text("diagnosis.html", report_html(findings, diagnosis))
+    session.folder.write_text("diagnosis.html", report_html(findings, diagnosis))
     return diagnosis
 
 

@@ -42,7 +42,7 @@ def recalibrate(session: DiagnosisSession) -> Calibrated:
         problem = read_problem(problem.case.folder)
     with sumo_engine(problem) as pool:
         sumo, engine = JournaledSumo(pool, session.journal), surrogate_engine(problem)
-        plan, work = session.calibration, session.work
-        waiting = start_scenario_runs(problem, sumo, plan, work, shares_runs=problem.template.can_share_runs)
-        searched = search_values(problem, Settings(), plan, engine, sumo, work, waiting)
+        plan = session.calibration
+        waiting = start_scenario_runs(problem, sumo, plan, session, shares_runs=problem.template.can_share_runs)
+        searched = search_values(problem, Settings(), plan, engine, sumo, session, waiting)
     return Calibrated(problem, searched)

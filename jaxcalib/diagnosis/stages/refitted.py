@@ -57,7 +57,7 @@ def _runner(session: DiagnosisSession, calibrated: Calibrated, baseline: Baselin
         searched=calibrated.searched,
         base=calibrated.searched.values,
         budget=session.calibration,
-        session=session.work,
+        session=session,
     )
     return ExplainedRunner(
         problem=session.problem,

@@ -11,49 +11,20 @@ from jaxcalib.diagnosis.runs.finished_parts import FinishedParts
 from jaxcalib.diagnosis.runs.null_runs import num_runs_for
 from jaxcalib.diagnosis.runs.plan import DiagnosisBudget, plan_diagnosis
 from jaxcalib.problem.problem import CalibrationProblem
-from jaxcalib.runs.journal import Journal
-from jaxcalib.runs.progress import Progress
 from jaxcalib.runs.session import Session
-from jaxcalib.runs.stopwatch import Stopwatch
 from surrogate.effects.registry import EFFECTS
 
 RECALIBRATION_SCALE = 0.5  # of the calibration's numbers of runs; the last step is taken on all features anyway
 
 
 @dataclass(frozen=True)
-class DiagnosisSession:
-    """What all stages of a diagnosis share."""
+class DiagnosisSession(Session):
+    """The session of a command, with what all stages of a diagnosis share besides."""
 
     problem: CalibrationProblem  # the problem, with the sensors' range as stated
     plan: DiagnosisBudget  # the numbers of runs
     calibration: Budget  # those of the recalibration
-    work: Session  # folder, seeds, progress and time of the command
     parts: FinishedParts  # tallies of finished parts
-
-    @property
-    def seed(self) -> int:
-        """Seed of the diagnosis."""
-        return self.work.seed
-
-    @property
-    def first_seed(self) -> int:
-        """Seed behind which those of all runs lie."""
-        return self.work.first_seed
-
-    @property
-    def journal(self) -> Journal:
-        """Journal of the calibrations' runs."""
-        return self.work.journal
-
-    @property
-    def progress(self) -> Progress:
-        """Told how far the diagnosis is."""
-        return self.work.progress
-
-    @property
-    def stopwatch(self) -> Stopwatch:
-        """Adds up the time of each part."""
-        return self.work.stopwatch
 
     @property
     def is_fit(self) -> Bool[np.ndarray, " drive"]:
@@ -63,11 +34,11 @@ class DiagnosisSession:
     @property
     def wall_s(self) -> dict[str, float]:
         """Time of each part, and of all."""
-        return self.stopwatch.wall_s | {"total": self.work.elapsed_s}
+        return self.stopwatch.wall_s | {"total": self.elapsed_s}
 
 
 def begin_session(problem: CalibrationProblem, budget: float, work: Session) -> DiagnosisSession:
-    """A session, whose numbers of runs its progress has been told of."""
+    """The session of a command as one of a diagnosis, whose progress has been told of the numbers of runs."""
     plan, calibration = plan_diagnosis(budget), plan_budget(problem, RECALIBRATION_SCALE * budget)
     num_parameters = len(problem.layout.names)
     num_trial_runs = (2 * num_parameters + 1) * plan.slope_runs + 2 * len(EFFECTS) * plan.effect_runs
@@ -78,4 +49,5 @@ def begin_session(problem: CalibrationProblem, budget: float, work: Session) -> 
         + 2 * num_runs_for(problem, plan.check_drives)
         + MOST_SUMO_POINTS * num_runs_for(problem, plan.refit_drives),
     )
-    return DiagnosisSession(problem, plan, calibration, work, FinishedParts(work.folder.path / "stages"))
+    parts = FinishedParts(work.folder.path / "stages")
+    return DiagnosisSession(**vars(work), problem=problem, plan=plan, calibration=calibration, parts=parts)
