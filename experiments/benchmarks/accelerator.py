@@ -32,7 +32,7 @@ def measured(engine: RoomySurrogate, requests: list[RunRequest]) -> tuple[float,
     outcomes = engine.run(requests)
     wall_s = time.perf_counter() - began
     failed = Counter(outcome.status.value for outcome in outcomes if not outcome.status.is_ok)
-    return sum(one.num_vehicle_steps for one in outcomes if one.status.is_ok) / wall_s, dict(failed)
+    return sum(outcome.num_vehicle_steps for outcome in outcomes if outcome.status.is_ok) / wall_s, dict(failed)
 
 
 @app.default

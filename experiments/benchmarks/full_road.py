@@ -130,15 +130,15 @@ def filled(template: WorldTemplate, num_vehicles: int, plan: RunPlan) -> Traffic
     head, entry = [], 0
     for row, count in enumerate(counts):
         head.append(entry)
-        one = slice(entry + 1, entry + 1 + count)
+        entries = slice(entry + 1, entry + 1 + count)
         columns["position_m"][entry], columns["vehicle_class"][entry], columns["row"][entry] = np.inf, -1, row
-        columns["position_m"][one] = float(end_m(template)) - SPACING_M * (np.arange(count) + 1.0 - 0.3 * (row % 3))
-        columns["vehicle_class"][one], columns["row"][one] = 0, row
-        columns["destination"][one] = template.subject_destination
-        columns["identity"][one] = FIRST_ARRIVAL + entry + np.arange(count)
-        columns["speed_factor"][one] = random.normal(1.0, 0.05, count)
-        columns["speed_mps"][one] = SPEED_MPS
-        columns["speed_limit_mps"][one] = columns["slow_limit_mps"][one] = SPEED_MPS
+        columns["position_m"][entries] = float(end_m(template)) - SPACING_M * (np.arange(count) + 1.0 - 0.3 * (row % 3))
+        columns["vehicle_class"][entries], columns["row"][entries] = 0, row
+        columns["destination"][entries] = template.subject_destination
+        columns["identity"][entries] = FIRST_ARRIVAL + entry + np.arange(count)
+        columns["speed_factor"][entries] = random.normal(1.0, 0.05, count)
+        columns["speed_mps"][entries] = SPEED_MPS
+        columns["speed_limit_mps"][entries] = columns["slow_limit_mps"][entries] = SPEED_MPS
         entry += 1 + count
     arrays: dict[str, Any] = {
         name: jnp.asarray(column, getattr(state.vehicles, name).dtype) for name, column in columns.items()

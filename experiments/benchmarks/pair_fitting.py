@@ -37,14 +37,14 @@ def evolve(entry: ModelEntry, pair: RecordedPair, seed: int) -> np.ndarray:
 
     def evaluate(columns: np.ndarray) -> np.ndarray:
         units = jnp.asarray(columns[:, :, None], jnp.float32)
-        found = np.asarray(misfit(entry, bounds, units, batch), float)[:, 0]
-        return np.where(np.isfinite(found), found, WORST)
+        misfits = np.asarray(misfit(entry, bounds, units, batch), float)[:, 0]
+        return np.where(np.isfinite(misfits), misfits, WORST)
 
     num_parameters = len(entry.parameters) + 1
-    found = differential_evolution(
+    solution = differential_evolution(
         evaluate, [(0.0, 1.0)] * num_parameters, vectorized=True, updating="deferred", polish=False, rng=seed
     )
-    return np.asarray(bounds.values(jnp.asarray(found.x, jnp.float32)), float)
+    return np.asarray(bounds.values(jnp.asarray(solution.x, jnp.float32)), float)
 
 
 @app.default

@@ -118,7 +118,7 @@ def throughput(
         timed(sumo, requests[:cores])  # processes start
         timed(surrogate, requests)  # finds out how much room the runs need
         for number in range(rounds):
-            few = [requests[(cores * number + one) % sets] for one in range(cores)]
+            few = [requests[(cores * number + core) % sets] for core in range(cores)]
             pairs.append((timed(surrogate, requests), timed(sumo, few)))
     ratios = [ours.rate / theirs.rate for ours, theirs in pairs]
     result = {

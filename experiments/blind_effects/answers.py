@@ -30,7 +30,7 @@ class Answered:
     @property
     def true_effects(self) -> tuple[str, ...]:
         """Return the true effects."""
-        return tuple(one["effect"] for one in self.label["effects"])
+        return tuple(effect["effect"] for effect in self.label["effects"])
 
     @property
     def level(self) -> str:
@@ -76,12 +76,12 @@ def read_answers(cases: Path, runs: Path, key_file: Path | None) -> tuple[list[A
             missing.append(folder.name)
             continue
         twin = runs / f"{folder.name}_twin" / ANSWER
-        for one in (file, twin):
-            name = one.parent.name
-            if key_file and one.is_file() and name not in hashes:
-                raise SealBrokenError(f"{one}: expected its hash in answers.json, as `run` records it.")
-            if name in hashes and file_hash(one) != hashes[name]:
-                raise SealBrokenError(f"{one}: not the answer that was recorded.")
+        for answer in (file, twin):
+            name = answer.parent.name
+            if key_file and answer.is_file() and name not in hashes:
+                raise SealBrokenError(f"{answer}: expected its hash in answers.json, as `run` records it.")
+            if name in hashes and file_hash(answer) != hashes[name]:
+                raise SealBrokenError(f"{answer}: not the answer that was recorded.")
         answered.append(Answered(folder, labels[folder.name], _json(file), _json(twin) if twin.is_file() else None))
     return answered, missing
 

@@ -97,12 +97,12 @@ def _memory(spec: FieldSpec, road: Road, strength: float, rng: np.random.Generat
 def _slow_start(spec: FieldSpec, road: Road, strength: float, rng: np.random.Generator) -> Injected:
     del road, rng
     changed = []
-    for one in spec.drivers:
-        full = float(one.attributes["accel"])
+    for driver in spec.drivers:
+        full = float(driver.attributes["accel"])
         low = full * (1.0 - strength)
         profile = f"{low:.3f} {low:.3f} {full:.3f} {full:.3f}"
         own = {"speedTable": "0 8 14 60", "maxAccelProfile": profile, "desAccelProfile": profile}
-        changed.append(replace(one, attributes=one.attributes | own))
+        changed.append(replace(driver, attributes=driver.attributes | own))
     return replace(spec, drivers=tuple(changed)), {}
 
 
@@ -121,14 +121,14 @@ def _change_duration(spec: FieldSpec, road: Road, strength: float, rng: np.rando
 def _heavy_vehicles(spec: FieldSpec, road: Road, strength: float, rng: np.random.Generator) -> Injected:
     del road, rng
     heavy = []
-    for one in spec.drivers:
-        own = dict(one.attributes)
+    for driver in spec.drivers:
+        own = dict(driver.attributes)
         own |= {"vClass": "truck", "length": "13.5", "maxSpeed": f"{85.0 / 3.6:.2f}"}
         own["accel"] = f"{0.6 * float(own['accel']):.3f}"
         own["decel"] = f"{0.9 * float(own['decel']):.3f}"
         own["tau"] = f"{1.2 * float(own['tau']):.3f}"
-        heavy.append(DriverType(one.share * strength, own, one.parameters))
-    cars = [replace(one, share=one.share * (1.0 - strength)) for one in spec.drivers]
+        heavy.append(DriverType(driver.share * strength, own, driver.parameters))
+    cars = [replace(driver, share=driver.share * (1.0 - strength)) for driver in spec.drivers]
     return replace(spec, drivers=(*cars, *heavy)), {}
 
 
@@ -192,15 +192,18 @@ def _rubbernecking(spec: FieldSpec, road: Road, strength: float, rng: np.random.
     main = road.flows[0].entrance
     others = tuple(name for name in road.inputs_vehph if name != main)
     drivers: list[DriverType] = []
-    for one in spec.drivers:
-        drivers += [replace(one, share=one.share * strength, entrances=(main,)), replace(one, entrances=others)]
-        factor, spread = float(one.attributes["speedFactor"]), float(one.attributes["speedDev"])
+    for driver in spec.drivers:
+        drivers += [
+            replace(driver, share=driver.share * strength, entrances=(main,)),
+            replace(driver, entrances=others),
+        ]
+        factor, spread = float(driver.attributes["speedFactor"]), float(driver.attributes["speedDev"])
         for _ in range(NUM_TYPES):
             wanted = max(0.5, factor + spread * float(np.clip(rng.standard_normal(), -SPREAD_SIGMAS, SPREAD_SIGMAS)))
-            own = one.attributes | {"speedFactor": f"{wanted / (1.0 - RUBBERNECK_LOSS):.4f}", "speedDev": "0"}
+            own = driver.attributes | {"speedFactor": f"{wanted / (1.0 - RUBBERNECK_LOSS):.4f}", "speedDev": "0"}
             own["maxSpeed"] = f"{wanted * road.limit_mps(edge):.3f}"
-            share = one.share * (1.0 - strength) / NUM_TYPES
-            drivers.append(DriverType(share, own, one.parameters, (main,)))
+            share = driver.share * (1.0 - strength) / NUM_TYPES
+            drivers.append(DriverType(share, own, driver.parameters, (main,)))
     sign = SpeedSign(road.lanes_of(edge), (1.0 - RUBBERNECK_LOSS) * road.limit_mps(edge), begin_s, end_s)
     subject = spec.subject | {"speedFactor": f"{1.0 / (1.0 - RUBBERNECK_LOSS):.4f}"}
     spec = replace(spec, drivers=tuple(drivers), speed_signs=(*spec.speed_signs, sign), subject=subject)
@@ -237,12 +240,12 @@ def _some_drivers(share: float, **change: Callable[[float, float], float]) -> In
     def inject(spec: FieldSpec, road: Road, strength: float, rng: np.random.Generator) -> Injected:
         del road, rng
         some = []
-        for one in spec.drivers:
-            own = dict(one.attributes)
+        for driver in spec.drivers:
+            own = dict(driver.attributes)
             for name, make in change.items():
                 own[name] = f"{make(float(own[name]), strength):.3f}"
-            some.append(DriverType(one.share * share, own, one.parameters))
-        rest = [replace(one, share=one.share * (1.0 - share)) for one in spec.drivers]
+            some.append(DriverType(driver.share * share, own, driver.parameters))
+        rest = [replace(driver, share=driver.share * (1.0 - share)) for driver in spec.drivers]
         return replace(spec, drivers=(*rest, *some)), {"share": share}
 
     return inject

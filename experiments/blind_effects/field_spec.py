@@ -67,7 +67,9 @@ class FieldSpec:
     def with_all_drivers(self, attributes: Attributes, parameters: Attributes | None = None) -> "FieldSpec":
         """Return the field with these attributes and generic parameters of every background driver."""
         drivers = tuple(
-            replace(one, attributes=one.attributes | attributes, parameters=one.parameters | (parameters or {}))
-            for one in self.drivers
+            replace(
+                driver, attributes=driver.attributes | attributes, parameters=driver.parameters | (parameters or {})
+            )
+            for driver in self.drivers
         )
         return replace(self, drivers=drivers)

@@ -70,7 +70,7 @@ def make_cases(
                 label = make_case(plan, out, drives, checks, twins, pool)
                 key["cases"][plan.name] = {"salt": new_salt(), "label": label}
                 _write(key_file, key)
-                seals = {name: seal_of(one["salt"], one["label"]) for name, one in sorted(key["cases"].items())}
+                seals = {name: seal_of(entry["salt"], entry["label"]) for name, entry in sorted(key["cases"].items())}
                 _write(out / "seals.json", {"format": 1, "cases": seals, "root": root_of(seals)})
             progress.advance(task)
     return len(plans)
@@ -82,7 +82,7 @@ def make_case(plan: CasePlan, out: Path, drives: int, checks: int, twins: int, p
     drawn = draw_field(plan)
     departs_s = [road.warmup_s + DEPARTS_S[number % len(DEPARTS_S)] for number in range(drives + twins)]
     seeds = [plan.seed + number for number in range(drives + twins)]
-    jobs = [pool.submit(make_drive, drawn.spec, plan.road, *one) for one in zip(seeds, departs_s, strict=True)]
+    jobs = [pool.submit(make_drive, drawn.spec, plan.road, *run) for run in zip(seeds, departs_s, strict=True)]
     num_checks = min(checks, drives) if drawn.spec != drawn.without else 0
     plain = [
         pool.submit(make_drive, drawn.without, plan.road, seeds[number], departs_s[number])
@@ -93,7 +93,7 @@ def make_case(plan: CasePlan, out: Path, drives: int, checks: int, twins: int, p
     if num_checks > 1:
         label["manipulation_check"] = dict(_checked(made[:num_checks], [job.result() for job in plain]))
     if drawn.spec.standing:
-        _note_begin(label, [one[2] for one in made])
+        _note_begin(label, [log[2] for log in made])
     roles = ["held_out" if (number + 1) % HELD_OUT_EVERY == 0 else "fit" for number in range(drives)]
     write_case(out / "cases" / plan.name, plan.name, road, made[:drives], departs_s, roles)
     if twins:
@@ -108,7 +108,7 @@ def _note_begin(label: Label, stood_s: list[float | None]) -> None:
     Raises:
         RuntimeError: in some drive it did not, before the subject vehicle was through.
     """
-    known_s = [one for one in stood_s if one is not None]
+    known_s = [time_s for time_s in stood_s if time_s is not None]
     if len(known_s) < len(stood_s):
         raise RuntimeError(f"The vehicle that was to stand did not in {len(stood_s) - len(known_s)} drives.")
     place = label["place_and_time"]
@@ -117,8 +117,8 @@ def _note_begin(label: Label, stood_s: list[float | None]) -> None:
 
 
 def _checked(ours: list[Logs], theirs: list[Logs]) -> ManipulationCheck:
-    with_effect: list[Measures] = [raw_measures(one[0], one[1]) for one in ours]
-    without: list[Measures] = [raw_measures(one[0], one[1]) for one in theirs]
+    with_effect: list[Measures] = [raw_measures(log[0], log[1]) for log in ours]
+    without: list[Measures] = [raw_measures(log[0], log[1]) for log in theirs]
     changed = [not (one[0].equals(two[0]) and one[1].equals(two[1])) for one, two in zip(ours, theirs, strict=True)]
     return manipulation_check(with_effect, without, changed)
 
@@ -134,7 +134,7 @@ def write_case(folder: Path, name: str, road: Road, made: list[Logs], departs_s:
     shutil.copyfile(road.net_file, folder / "scenario" / "net.net.xml")
     (folder / "field").mkdir()
     for number, (subject, objects, _) in enumerate(made, start=1):
-        subject, objects = (one[one["time_s"] <= road.duration_s] for one in (subject, objects))
+        subject, objects = (table[table["time_s"] <= road.duration_s] for table in (subject, objects))
         subject.to_parquet(folder / "field" / f"d{number:02d}_subject.parquet", index=False)
         objects.to_parquet(folder / "field" / f"d{number:02d}_objects.parquet", index=False)
     write_files(folder, [("case.toml", _case_toml(name, road, departs_s, roles))])
@@ -143,7 +143,7 @@ def write_case(folder: Path, name: str, road: Road, made: list[Logs], departs_s:
 
 
 def _case_toml(name: str, road: Road, departs_s: list[float], roles: list[str]) -> str:
-    parameters = ", ".join(f'"{one}"' for one in CALIBRATED)
+    parameters = ", ".join(f'"{attribute}"' for attribute in CALIBRATED)
     text = f"""format = 1
 name = "{name}"
 

@@ -29,8 +29,8 @@ def manipulation_check(
     `changed` says whether the logs of a drive differ.
     """
     names = sorted(without[0])
-    ours = np.array([[one[name] for name in names] for one in with_effect])
-    theirs = np.array([[one[name] for name in names] for one in without])
+    ours = np.array([[measures[name] for name in names] for measures in with_effect])
+    theirs = np.array([[measures[name] for name in names] for measures in without])
     spread = np.sqrt(0.5 * (ours.var(axis=0, ddof=1) + theirs.var(axis=0, ddof=1)))
     usable = np.isfinite(spread) & (spread > 0.0)
     p = np.ones(len(names))

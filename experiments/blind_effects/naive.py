@@ -91,4 +91,4 @@ def forest_answers(cases: Sequence[Answered], more: Sequence[tuple[Path, str]]) 
         )
         forest.fit(rows.to_numpy(), np.concatenate([truths[train], other_truths]).astype(str))
         said[test] = forest.predict(features.iloc[test].to_numpy())
-    return [str(one) for one in said]
+    return [str(effect) for effect in said]

@@ -126,8 +126,8 @@ def _injected(
         effect = EFFECTS[name]
         strength = float(f"{rng.uniform(*effect.strengths[level]):.3g}")
         spec, place = effect.inject(spec, road, strength, rng)
-        one: Label = {"effect": name, "strength": strength, "level": level}
-        effects.append(one | ({"out_of_library": True} if effect.is_outside else {}))
+        stated: Label = {"effect": name, "strength": strength, "level": level}
+        effects.append(stated | ({"out_of_library": True} if effect.is_outside else {}))
         places.append(place)
     if len(places) < 2:
         return spec, effects, places[0] if places else {}

@@ -20,7 +20,7 @@ def case_folders(cases: Path) -> list[Path]:
         FileNotFoundError: there are none.
     """
     inside = [cases / name for name in ("cases", "twins") if (cases / name).is_dir()] or [cases]
-    folders = [file.parent for one in inside for file in sorted(one.glob("*/case.toml"))]
+    folders = [file.parent for parent in inside for file in sorted(parent.glob("*/case.toml"))]
     if not folders:
         raise FileNotFoundError(f"{cases}: expected folders with case.toml.")
     return folders

@@ -149,10 +149,10 @@ def _naive_lines(cases: Sequence[Answered], clear: Sequence[Answered], forest: S
     lines: list[Line] = []
     for name, answer in baselines.items():
         theirs = [answer(case) for case in clear]
-        if all(one is None for one in theirs):
+        if all(effect is None for effect in theirs):
             lines.append(Line(f"naive: {name}", None, note="the answers hold nothing to compute it from"))
             continue
-        hits = [one == case.truth for one, case in zip(theirs, clear, strict=True)]
+        hits = [effect == case.truth for effect, case in zip(theirs, clear, strict=True)]
         lines.append(Line.of_rate(f"naive: {name}: true effect", rate(hits)))
         alarms = rate([answer(case) not in (None, "none") for case in nulls])
         lines.append(Line.of_rate(f"naive: {name}: false alarms without effect", alarms))
@@ -240,10 +240,10 @@ def score_answers(
 
 def _labelled(folders: tuple[Path, ...]) -> list[tuple[Path, str]]:
     """Return further cases with a label.json, and their truths."""
-    found: list[tuple[Path, str]] = []
+    labelled: list[tuple[Path, str]] = []
     for folder in folders:
         for case in case_folders(folder):
             if (case / "label.json").is_file():
                 label = json.loads((case / "label.json").read_text(encoding="utf-8"))
-                found.append((case, Answered(case, label, {}).truth))
-    return found
+                labelled.append((case, Answered(case, label, {}).truth))
+    return labelled

@@ -67,8 +67,8 @@ def _swapped(objects: pd.DataFrame, per_min: float, rng: np.random.Generator) ->
         frame = np.flatnonzero(times == times[np.searchsorted(times, at_s)])
         if len(frame) < 2:
             continue
-        one = int(rng.integers(len(frame) - 1))
-        first, second = ids[frame[one]], ids[frame[one + 1]]
+        row = int(rng.integers(len(frame) - 1))
+        first, second = ids[frame[row]], ids[frame[row + 1]]
         later = times >= at_s
         is_first, is_second = later & (ids == first), later & (ids == second)
         ids[is_first], ids[is_second] = second, first

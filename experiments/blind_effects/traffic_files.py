@@ -59,7 +59,7 @@ def arrivals_s(spec: FieldSpec, road: Road, flow: Flow, rng: np.random.Generator
     times = times[rng.uniform(size=len(times)) * most_vehps < mean_vehps * (1.0 + slope)]
     if spec.platoon_share > 0.0 and flow.entrance == road.flows[0].entrance:
         times = _bunched(times, spec, road, rng)
-    return [round(float(one), 1) for one in times]
+    return [round(float(time_s), 1) for time_s in times]
 
 
 def _bunched(times: np.ndarray, spec: FieldSpec, road: Road, rng: np.random.Generator) -> np.ndarray:
@@ -92,19 +92,19 @@ def field_demand(spec: FieldSpec, road: Road, seed: int, depart_s: float) -> str
     for flow in road.flows:
         times = arrivals_s(spec, road, flow, rng)
         shares = np.asarray(
-            [one.share * (flow.entrance in (one.entrances or (flow.entrance,))) for one in spec.drivers]
+            [driver.share * (flow.entrance in (driver.entrances or (flow.entrance,))) for driver in spec.drivers]
         )
         kinds = rng.choice(len(shares), size=len(times), p=shares / shares.sum())
         for count, (time_s, kind) in enumerate(zip(times, kinds, strict=True)):
             what = f'id="{flow.id}.{count}" type="t{kind}" route="r_{flow.id}" depart="{time_s:g}"'
             vehicles.append((time_s, f"<vehicle {what} {ENTER}/>"))
-    for number, one in enumerate(spec.standing):
+    for number, vehicle in enumerate(spec.standing):
         stop = (
-            f'<stop lane="{one.lane}" startPos="{one.position_m - 10.0:g}" endPos="{one.position_m:g}" '
-            f'until="{one.until_s:g}"/>'
+            f'<stop lane="{vehicle.lane}" startPos="{vehicle.position_m - 10.0:g}" endPos="{vehicle.position_m:g}" '
+            f'until="{vehicle.until_s:g}"/>'
         )
-        head = f'<vehicle id="standing.{number}" type="t0" route="r_ego" depart="{one.depart_s:g}" {ENTER}>'
-        vehicles.append((one.depart_s, f"{head}{stop}</vehicle>"))
+        head = f'<vehicle id="standing.{number}" type="t0" route="r_ego" depart="{vehicle.depart_s:g}" {ENTER}>'
+        vehicles.append((vehicle.depart_s, f"{head}{stop}</vehicle>"))
     vehicles.append((depart_s, f'<vehicle id="ego" type="subject" route="r_ego" depart="{depart_s:g}" {ENTER}/>'))
     lines += [text for _, text in sorted(vehicles, key=lambda pair: pair[0])]
     return "<routes>\n" + "\n".join(lines) + "\n</routes>\n"

@@ -100,10 +100,10 @@ def show_parity(console: Console, rows: list[dict]) -> None:
     shown = _table("car-following parity: largest difference in position, m", headings)
     for model in dict.fromkeys(row["model"] for row in rows):
         for precision in ("double", "single"):
-            found = sorted(row[f"{precision}_precision_m"] for row in rows if row["model"] == model)
-            verdict = "yes" if found[-1] <= MOST_DIFFERENCE_M else "no"
-            middle, largest = f"{found[len(found) // 2]:.2g}", f"{found[-1]:.2g}"
-            shown.add_row(model, str(len(found)), precision, middle, largest, verdict)
+            differences_m = sorted(row[f"{precision}_precision_m"] for row in rows if row["model"] == model)
+            verdict = "yes" if differences_m[-1] <= MOST_DIFFERENCE_M else "no"
+            middle, largest = f"{differences_m[len(differences_m) // 2]:.2g}", f"{differences_m[-1]:.2g}"
+            shown.add_row(model, str(len(differences_m)), precision, middle, largest, verdict)
     console.print(shown)
 
 
@@ -163,34 +163,35 @@ def _transfer(console: Console, tables: Tables, problem: CalibrationProblem, run
     with Progress(console=terminal, disable=not terminal.is_terminal) as bar:
         task = bar.add_task(f"{array.name} in SUMO", total=len(values))
         ours, theirs = run_cases(problem, values, runs, lambda: bar.update(task, advance=1))
-    found = transfer_of(problem, array, ours, theirs)
+    transfer = transfer_of(problem, array, ours, theirs)
     tables["transfer"] = {
         "array": array.name,
         "runs_per_case": {"surrogate": ours.tally.shape[1], "sumo": theirs.tally.shape[1]},
-        "num_failed": {"surrogate": found.num_failed[0], "sumo": found.num_failed[1]},
-        "measures": [vars(one) for one in found.measures],
-        "effects": [vars(one) | {"counts": one.counts} for one in found.effects],
+        "num_failed": {"surrogate": transfer.num_failed[0], "sumo": transfer.num_failed[1]},
+        "measures": [vars(measure) for measure in transfer.measures],
+        "effects": [vars(effect) | {"counts": effect.counts} for effect in transfer.effects],
     }
-    show_transfer(console, found)
+    show_transfer(console, transfer)
 
 
-def show_transfer(console: Console, found: Transfer) -> None:
+def show_transfer(console: Console, transfer: Transfer) -> None:
     """Print how measures and main effects agree."""
     headings = ("measure", "spread in noise", f"rank correlation >= {LEAST_RANK:g}", f"bias <= {MOST_BIAS:.0%}")
     shown = _table("measures over the array's cases, surrogate against SUMO", headings)
-    for one in sorted(found.measures, key=lambda one: one.rank_correlation):
-        rank, bias = f"{one.rank_correlation:.3f}", f"{one.bias:+.1%}"
-        rank += "" if one.rank_correlation >= LEAST_RANK else "  no"
-        bias += "" if abs(one.bias) <= MOST_BIAS else "  no"
-        shown.add_row(one.measure, f"{one.spread_in_noise:.1f}", rank, bias)
+    for measure in sorted(transfer.measures, key=lambda measure: measure.rank_correlation):
+        rank, bias = f"{measure.rank_correlation:.3f}", f"{measure.bias:+.1%}"
+        rank += "" if measure.rank_correlation >= LEAST_RANK else "  no"
+        bias += "" if abs(measure.bias) <= MOST_BIAS else "  no"
+        shown.add_row(measure.measure, f"{measure.spread_in_noise:.1f}", rank, bias)
     console.print(shown)
-    effects = [one for one in found.effects if one.counts]
-    right = sum(one.ratio > 0.0 for one in effects)
-    near = sum(abs(one.ratio - 1.0) <= 0.25 for one in effects)
-    ratio = np.median([one.ratio for one in effects]) if effects else float("nan")
+    effects = [effect for effect in transfer.effects if effect.counts]
+    right = sum(effect.ratio > 0.0 for effect in effects)
+    near = sum(abs(effect.ratio - 1.0) <= 0.25 for effect in effects)
+    ratio = np.median([effect.ratio for effect in effects]) if effects else float("nan")
+    in_surrogate, in_sumo = transfer.num_failed
     console.print(
         f"main effects beyond SUMO's noise: {len(effects)}; sign right in {right}, size within 25 % in {near}, "
-        f"median ratio {ratio:.2f}; cases failed: {found.num_failed[0]} in the surrogate, {found.num_failed[1]} in SUMO"
+        f"median ratio {ratio:.2f}; cases failed: {in_surrogate} in the surrogate, {in_sumo} in SUMO"
     )
 
 

@@ -30,10 +30,10 @@ def _record_transfer(transfer: dict[str, Any], notes: list[str]) -> None:
     runs, failed = transfer["runs_per_case"], transfer["num_failed"]
     counted = [effect for effect in transfer["effects"] if effect["counts"]]
     ratios = [effect["surrogate"] / effect["sumo"] for effect in counted]
-    found = [
+    counts = [
         f"{transfer['array']}; runs of each case: {runs['surrogate']} in the surrogate, {runs['sumo']} in SUMO; "
         f"cases failed: {failed['surrogate']} and {failed['sumo']}.",
         f"Main effects beyond SUMO's noise: {len(counted)}; sign right in {sum(ratio > 0.0 for ratio in ratios)}, "
         f"size within 25 % in {sum(abs(ratio - 1.0) <= 0.25 for ratio in ratios)}.",
     ]
-    record("fidelity", "transfer", transfer["measures"], "Transfer of measures, surrogate against SUMO", notes + found)
+    record("fidelity", "transfer", transfer["measures"], "Transfer of measures, surrogate against SUMO", notes + counts)

@@ -96,8 +96,8 @@ class Drives:
             RuntimeError: a run failed.
         """
         seeds = jnp.arange(RUNS_PER_BATCH, dtype=jnp.int32) + batch * RUNS_PER_BATCH
-        found = self._program(jnp.asarray(values, jnp.float32), jnp.asarray(direction, jnp.float32), seeds)
-        observed, slope, is_good = (np.asarray(part) for part in found)
+        parts = self._program(jnp.asarray(values, jnp.float32), jnp.asarray(direction, jnp.float32), seeds)
+        observed, slope, is_good = (np.asarray(part) for part in parts)
         if not is_good.all():
             raise RuntimeError("Expected drives that succeed.")
         return observed.astype(float), slope.astype(float)
@@ -110,7 +110,7 @@ def agreements(problem: CalibrationProblem, num_batches: int, difference: float)
     """
     drives, moments = Drives(problem), all_moments(problem.measures, problem.tally_index)
     base, names = problem.template.base_values(), problem.layout.names
-    found = []
+    compared = []
     for parameter in (names[0], *PARAMETERS):
         direction = np.where(np.asarray(names) == parameter, base, 0.0)
         middle, path, ahead, behind = [], [], [], []
@@ -120,10 +120,10 @@ def agreements(problem: CalibrationProblem, num_batches: int, difference: float)
             path.append(slope)
             ahead.append(drives(base + difference * direction, direction, batch)[0])
             behind.append(drives(base - difference * direction, direction, batch)[0])
-        found += compare_slopes(
+        compared += compare_slopes(
             moments, parameter, difference, *(np.concatenate(each) for each in (middle, path, ahead, behind))
         )
-    return found
+    return compared
 
 
 def compare_slopes(
@@ -152,9 +152,9 @@ def compare_slopes(
     every = np.arange(len(middle))
     with np.errstate(divide="ignore", invalid="ignore"):
         whole_secant, whole_path = secant(every), pathwise(every)
-        left_out = np.asarray([secant(np.delete(every, one)) for one in every])
-        secants = np.asarray([secant(np.asarray([one])) for one in every])
-        paths = np.asarray([pathwise(np.asarray([one])) for one in every])
+        left_out = np.asarray([secant(np.delete(every, drive)) for drive in every])
+        secants = np.asarray([secant(np.asarray([drive])) for drive in every])
+        paths = np.asarray([pathwise(np.asarray([drive])) for drive in every])
     error = np.sqrt((len(every) - 1) * left_out.var(axis=0))
     with np.errstate(divide="ignore", invalid="ignore"):
         secants, paths = np.nan_to_num(secants), np.nan_to_num(paths)  # drives in which nothing was observed
@@ -163,21 +163,21 @@ def compare_slopes(
         Agreement(
             measure=name,
             parameter=parameter,
-            slope=float(whole_secant[place]),
-            slope_error=float(error[place]),
-            pathwise=float(whole_path[place]),
-            cosine=float(cosine[place]),
-            sign_agrees=_share_of_one_sign(secants[:, place], paths[:, place]),
+            slope=float(whole_secant[number]),
+            slope_error=float(error[number]),
+            pathwise=float(whole_path[number]),
+            cosine=float(cosine[number]),
+            sign_agrees=_share_of_one_sign(secants[:, number], paths[:, number]),
         )
-        for place, name in enumerate(moments.names)
-        if np.isfinite(whole_secant[place])
+        for number, name in enumerate(moments.names)
+        if np.isfinite(whole_secant[number])
     ]
 
 
-def _cell(one: Agreement | None) -> str:
-    if one is None or not one.counts:
+def _cell(agreement: Agreement | None) -> str:
+    if agreement is None or not agreement.counts:
         return ""
-    return f"{one.slope:+.2f} / {one.pathwise:+.3g}{' *' if one.is_usable else ''}"
+    return f"{agreement.slope:+.2f} / {agreement.pathwise:+.3g}{' *' if agreement.is_usable else ''}"
 
 
 def _share_of_one_sign(secants: np.ndarray, paths: np.ndarray) -> float:
@@ -207,21 +207,22 @@ def gradients(
     out
         File for all records, one line of JSON each.
     """
-    found = agreements(read_problem(case), batches, difference)
+    compared = agreements(read_problem(case), batches, difference)
     if out is not None:
-        lines = [json.dumps({**asdict(one), "counts": one.counts, "is_usable": one.is_usable}) for one in found]
+        lines = [json.dumps({**asdict(row), "counts": row.counts, "is_usable": row.is_usable}) for row in compared]
         out.write_text("\n".join(lines) + "\n", encoding="utf-8")
     print(f"Slope / pathwise derivative, in % per %; only slopes above {NOISE_FACTOR:g} standard errors; * usable.\n")
-    parameters = tuple(dict.fromkeys(one.parameter for one in found))
+    parameters = tuple(dict.fromkeys(agreement.parameter for agreement in compared))
     print(f"| measure | {' | '.join(parameters)} |\n|---|{'---|' * len(parameters)}")
-    of = {(one.measure, one.parameter): one for one in found}
-    for measure in dict.fromkeys(one.measure for one in found):
+    of = {(agreement.measure, agreement.parameter): agreement for agreement in compared}
+    for measure in dict.fromkeys(agreement.measure for agreement in compared):
         cells = [_cell(of.get((measure, parameter))) for parameter in parameters]
         if any(cells):
             print(f"| {measure} | {' | '.join(cells)} |")
     for parameter in parameters:
-        those = [one for one in found if one.parameter == parameter and one.counts]
-        usable, same = sum(one.is_usable for one in those), sum(one.pathwise * one.slope > 0.0 for one in those)
+        those = [agreement for agreement in compared if agreement.parameter == parameter and agreement.counts]
+        usable = sum(agreement.is_usable for agreement in those)
+        same = sum(agreement.pathwise * agreement.slope > 0.0 for agreement in those)
         print(
             f"{parameter}: of {len(those)} slopes {same} have the derivative's sign, and {usable} are met "
             f"within a factor of {LARGEST_RATIO:g}."

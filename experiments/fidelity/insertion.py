@@ -27,28 +27,28 @@ def insertion_table(problem: CalibrationProblem) -> list[dict[str, Any]]:
     with sumo_engine(problem) as pool:
         sumo = Evaluator(pool, departs_s, 0)
         num_runs = sumo.rounds_of(NUM_RUNS)
-        for place, name in enumerate(problem.layout.input_ids):
+        for number, name in enumerate(problem.layout.input_ids):
             crowded = base.copy()
-            crowded[place] *= BEYOND_CAPACITY
-            capacity_vehph = crowded[place] * _inserted_share(sumo, crowded, num_runs, place)
+            crowded[number] *= BEYOND_CAPACITY
+            capacity_vehph = crowded[number] * _inserted_share(sumo, crowded, num_runs, number)
             for share in SHARES:
                 values = base.copy()
-                values[place] = share * capacity_vehph
+                values[number] = share * capacity_vehph
                 rows.append(
                     {
                         "input": name,
                         "capacity_vehph": capacity_vehph,
                         "share_of_capacity": share,
-                        "demand_vehph": values[place],
-                        "sumo_share": _inserted_share(sumo, values, num_runs, place),
-                        "surrogate_share": _inserted_share(surrogate, values, num_runs, place),
+                        "demand_vehph": values[number],
+                        "sumo_share": _inserted_share(sumo, values, num_runs, number),
+                        "surrogate_share": _inserted_share(surrogate, values, num_runs, number),
                     }
                 )
     return rows
 
 
-def _inserted_share(evaluator: Evaluator, values: np.ndarray, num_runs: int, place: int) -> float:
+def _inserted_share(evaluator: Evaluator, values: np.ndarray, num_runs: int, number: int) -> float:
     (outcomes,) = evaluator.evaluate(round_values(values)[None], num_runs).outcomes
-    arrived = sum(float(outcome.num_arrived[place]) for outcome in outcomes if outcome.status.is_ok)
-    inserted = sum(float(outcome.num_inserted[place]) for outcome in outcomes if outcome.status.is_ok)
+    arrived = sum(float(outcome.num_arrived[number]) for outcome in outcomes if outcome.status.is_ok)
+    inserted = sum(float(outcome.num_inserted[number]) for outcome in outcomes if outcome.status.is_ok)
     return inserted / arrived if arrived else float("nan")

@@ -76,9 +76,9 @@ def scores(name: str, decisions: RecordedDecisions, margin: Number, goes: Flags,
 
 def roc_area(taken: Flags, margin: Number) -> float:
     """Return the probability that a gap taken has the larger margin than one let pass; ties count half."""
-    values, place = np.unique(margin, return_inverse=True)
-    num_taken = np.bincount(place[taken], minlength=len(values))
-    num_passed = np.bincount(place[~taken], minlength=len(values))
+    values, index = np.unique(margin, return_inverse=True)
+    num_taken = np.bincount(index[taken], minlength=len(values))
+    num_passed = np.bincount(index[~taken], minlength=len(values))
     num_below = np.cumsum(num_passed) - 0.5 * num_passed
     return float(np.sum(num_taken * num_below) / (num_taken.sum() * num_passed.sum()))
 
@@ -93,15 +93,15 @@ def _scores_of(rule: GapRule, decisions: RecordedDecisions) -> dict[str, Any]:
     margin = goes.sum(axis=0).astype(float)
     # where even the least strict rule says no, the margin says nothing more
     features = np.stack([margin, margin == 0.0], axis=1)
-    found = scores(rule.name, decisions, margin, rule.stated(decisions), _probability(decisions, features))
+    stated = scores(rule.name, decisions, margin, rule.stated(decisions), _probability(decisions, features))
     fitted = np.zeros(len(margin), bool)
     levels: dict[str, float] = {}
     for site, here, elsewhere in _sites(decisions):
-        by_level = [balanced_accuracy(decisions.is_accepted[elsewhere], one[elsewhere]) for one in goes]
+        by_level = [balanced_accuracy(decisions.is_accepted[elsewhere], at_level[elsewhere]) for at_level in goes]
         best = int(np.argmax(by_level))
         fitted[here], levels[site] = goes[best, here], float(rule.levels[best])
     taken = decisions.is_accepted
-    return found | {
+    return stated | {
         "parameter": rule.parameter,
         "stated_value": float(rule.place(rule.drivers)),
         "fitted_on_other_site": levels,
@@ -117,12 +117,12 @@ def _sites(decisions: RecordedDecisions) -> list[tuple[str, Flags, Flags]]:
 
 def _probability(decisions: RecordedDecisions, features: Features) -> Number:
     """Return the probability of going by a logistic regression on the other site."""
-    found = np.zeros(len(features))
+    probability = np.zeros(len(features))
     for _, here, elsewhere in _sites(decisions):
         fit = make_pipeline(StandardScaler(), LogisticRegression())
         fit.fit(features[elsewhere], decisions.is_accepted[elsewhere])
-        found[here] = fit.predict_proba(features[here])[:, 1]
-    return found
+        probability[here] = fit.predict_proba(features[here])[:, 1]
+    return probability
 
 
 def _features(decisions: RecordedDecisions) -> Features:

@@ -32,15 +32,15 @@ def recorded_platoons(data: Path, model: str, per_set: int) -> Iterator[tuple[st
     for name in DATA_SETS:
         table = pd.read_csv(data / "car_following" / f"{name}.csv.gz", usecols=["pair_id", "time_s", "v_lead_mps"])
         steps = NGSIM_STEPS if name.startswith("ngsim") else NUM_STEPS
-        found = 0
+        num_found = 0
         for pair, rows in table.groupby("pair_id", sort=True):
             for leader in _windows(rows["v_lead_mps"].to_numpy(float), steps):
                 if model == "W99" and np.abs(np.diff(leader)).max() > MOST_ACCELERATION_MPS2 * STEP_S:
                     continue
                 yield f"{name} {pair}", _behind(leader)
-                found += 1
+                num_found += 1
                 break  # one of each pair
-            if found == per_set:
+            if num_found == per_set:
                 break
 
 
@@ -48,15 +48,15 @@ def parity_table(data: Path, per_set: int) -> list[dict[str, Any]]:
     """Return the largest difference in position for each model and recorded leader."""
     rows = []
     for model, attributes in SUMO_MODELS.items():
-        for name, one in recorded_platoons(data, model, per_set):
-            found = largest_difference(one, model, attributes)
+        for name, platoon in recorded_platoons(data, model, per_set):
+            difference = largest_difference(platoon, model, attributes)
             rows.append(
                 {
                     "model": model,
                     "leader": name,
-                    "duration_s": STEP_S * len(one.leader_mps),
-                    "double_precision_m": found.double_m,
-                    "single_precision_m": found.single_m,
+                    "duration_s": STEP_S * len(platoon.leader_mps),
+                    "double_precision_m": difference.double_m,
+                    "single_precision_m": difference.single_m,
                 }
             )
     return rows
@@ -73,6 +73,6 @@ def _windows(speed_mps: np.ndarray, steps: int) -> Iterator[np.ndarray]:
 
 def _behind(leader_mps: np.ndarray) -> Platoon:
     """Return followers at the leader's speed whose gaps and desired speeds differ."""
-    place = np.arange(NUM_FOLLOWERS)
+    rank = np.arange(NUM_FOLLOWERS)
     speed = np.full(NUM_FOLLOWERS, leader_mps[0])
-    return Platoon(leader_mps, 4.0 + (1.1 + 0.3 * place) * speed, speed, leader_mps.max() + 4.0 + 2.0 * place)
+    return Platoon(leader_mps, 4.0 + (1.1 + 0.3 * rank) * speed, speed, leader_mps.max() + 4.0 + 2.0 * rank)

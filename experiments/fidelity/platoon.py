@@ -81,10 +81,10 @@ def in_sumo(platoon: Platoon, model: str, attributes: Mapping[str, float]) -> Fl
             f'speedFactor="1" speedDev="0" {written}/>'
         )
     lines.append('<route id="r" edges="road"/>')
-    for index, (place, speed) in enumerate(zip(platoon.start_m, speeds, strict=True)):
+    for index, (position_m, speed) in enumerate(zip(platoon.start_m, speeds, strict=True)):
         kind = f"t{index - 1}" if index else "leader"
         lines.append(
-            f'<vehicle id="{index}" type="{kind}" route="r" depart="0" departPos="{place:.9g}" '
+            f'<vehicle id="{index}" type="{kind}" route="r" depart="0" departPos="{position_m:.9g}" '
             f'departSpeed="{speed:.9g}" insertionChecks="none"/>'
         )
     with TemporaryDirectory(prefix="jaxcalib-platoon-") as name:

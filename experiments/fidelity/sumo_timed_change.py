@@ -21,21 +21,21 @@ def main(folder: Path, duration_s: str) -> None:
             "--lanechange.overtake-right", "true",
         ]
     )  # fmt: skip
-    names = [one[0] for one in VEHICLES]
+    names = [vehicle[0] for vehicle in VEHICLES]
     ask = (
         libsumo.vehicle.getLanePosition, libsumo.vehicle.getSpeed, libsumo.vehicle.getAcceleration,
         libsumo.vehicle.getLaneIndex,
     )  # fmt: skip
-    found = []
+    states = []
     for step in range(NUM_STEPS):
         libsumo.simulationStep()
         for name in names if step == 0 else ():
             libsumo.vehicle.setLaneChangeMode(name, 0)
         if step == CHANGE_STEP - 1:
             libsumo.vehicle.changeLane(names[0], 1, 1000.0)
-        found.append([[one(name) for name in names] for one in ask])
+        states.append([[getter(name) for name in names] for getter in ask])
     libsumo.close()
-    np.save(folder / "change.npy", np.asarray(found, float).transpose(1, 0, 2))
+    np.save(folder / "change.npy", np.asarray(states, float).transpose(1, 0, 2))
 
 
 if __name__ == "__main__":

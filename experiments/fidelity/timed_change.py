@@ -93,31 +93,31 @@ def in_sumo(duration_s: float) -> Change:
             [sys.executable, "-m", "experiments.fidelity.sumo_timed_change", name, str(duration_s)],
             check=True, capture_output=True, cwd=Path(__file__).parents[2],
         )  # fmt: skip
-        found = np.load(folder / "change.npy")
-    return Change(found[0], found[1], found[2], found[3].astype(int))
+        arrays = np.load(folder / "change.npy")
+    return Change(arrays[0], arrays[1], arrays[2], arrays[3].astype(int))
 
 
 def in_surrogate(duration_s: float, theirs: Change) -> Change:
     """Return the change in the surrogate, from SUMO's state after the first step."""
     timing = change_timing(duration_s, STEP_S, STEP_S)
     classes = tuple(
-        vehicle_class(attribute_values({}, "IDM") | ATTRIBUTES | {"maxSpeed": one[4], "speedDev": 0.0}, "IDM")
-        for one in VEHICLES
+        vehicle_class(attribute_values({}, "IDM") | ATTRIBUTES | {"maxSpeed": vehicle[4], "speedDev": 0.0}, "IDM")
+        for vehicle in VEHICLES
     )
     vehicles = _start(theirs)
     head = jnp.asarray([0, 4, 7], jnp.int32)
     manoeuvres = idle_manoeuvres(len(vehicles.row))
     advance = jax.jit(lambda v, h, m, begins: _advance(v, h, m, begins, classes, timing))
-    found: list[tuple[np.ndarray, ...]] = [
+    states: list[tuple[np.ndarray, ...]] = [
         (theirs.position_m[0], theirs.speed_mps[0], theirs.acceleration_mps2[0], theirs.lane[0])
     ]
     for step in range(1, NUM_STEPS):
         vehicles, head, manoeuvres = advance(vehicles, head, manoeuvres, jnp.asarray(step == CHANGE_STEP))
-        place = np.argsort(np.where(np.asarray(vehicles.is_vehicle), np.asarray(vehicles.vehicle_class), 99))
-        place = place[: len(VEHICLES)]
+        order = np.argsort(np.where(np.asarray(vehicles.is_vehicle), np.asarray(vehicles.vehicle_class), 99))
+        order = order[: len(VEHICLES)]
         arrays = (vehicles.position_m, vehicles.speed_mps, vehicles.acceleration_mps2, vehicles.row)
-        found.append(tuple(np.asarray(one)[place] for one in arrays))
-    return Change(*(np.stack(one) for one in zip(*found, strict=True)))
+        states.append(tuple(np.asarray(array)[order] for array in arrays))
+    return Change(*(np.stack(column) for column in zip(*states, strict=True)))
 
 
 def _start(theirs: Change) -> VehicleArrays:

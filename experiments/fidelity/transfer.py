@@ -128,15 +128,15 @@ def transfer_of(
     spread = np.nanstd(sumo, axis=0) / noise
     measures, effects = [], []
     centred = array.levels[is_ok] / (array.num_levels - 1.0) - 0.5
-    for place, name in enumerate(moments.names):
-        known = np.isfinite(surrogate[:, place]) & np.isfinite(sumo[:, place])
-        if spread[place] < NOISE_FACTOR or known.sum() < NUM_CASES // 2:
+    for number, name in enumerate(moments.names):
+        known = np.isfinite(surrogate[:, number]) & np.isfinite(sumo[:, number])
+        if spread[number] < NOISE_FACTOR or known.sum() < NUM_CASES // 2:
             continue
-        x, y = surrogate[known, place], sumo[known, place]
+        x, y = surrogate[known, number], sumo[known, number]
         with np.errstate(divide="ignore", invalid="ignore"):
             bias = float(np.nanmedian(np.where(y != 0.0, x / y - 1.0, np.nan)))
         rank = float(np.asarray(spearmanr(x, y))[0])
-        measures.append(MeasureTransfer(name, float(spread[place]), rank, bias))
+        measures.append(MeasureTransfer(name, float(spread[number]), rank, bias))
         (of_sumo, sumo_error), (of_surrogate, _) = _effects(centred[known], y), _effects(centred[known], x)
         for parameter, one, its_error, other in zip(
             problem.layout.names, of_sumo, sumo_error, of_surrogate, strict=True

@@ -140,9 +140,11 @@ def _study(
         columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
         with Progress(*columns, console=console, disable=not console.is_terminal) as bar:
             task = bar.add_task("searches", total=len(courses))
-            for one in courses:
-                bar.update(task, description=f"{one.problem.name} {one.optimiser}")
-                rows += run_course(one.optimiser, OPTIMISERS[one.optimiser], one.problem, one.budget, one.journal)
+            for course in courses:
+                bar.update(task, description=f"{course.problem.name} {course.optimiser}")
+                rows += run_course(
+                    course.optimiser, OPTIMISERS[course.optimiser], course.problem, course.budget, course.journal
+                )
                 bar.advance(task)
         return _write_results(pd.DataFrame(rows), out)
 

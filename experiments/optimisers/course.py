@@ -183,7 +183,9 @@ def _number(value: float) -> float | None:
 
 def _keep_round(parts: Parts, name: str, told: Told, times: tuple[float, float]) -> None:
     arrays = {"points": told.points, "accuracy": told.accuracy, "residuals": told.residuals, "slopes": told.slopes}
-    text = json.dumps({key: None if one is None else one.tolist() for key, one in arrays.items()} | {"times": times})
+    text = json.dumps(
+        {key: None if array is None else array.tolist() for key, array in arrays.items()} | {"times": times}
+    )
     parts.write(name, lambda stream: stream.write(text.encode()))
 
 
@@ -194,11 +196,11 @@ def _load(file: Path) -> Any:
 def _told_again(
     known: dict[str, Any], points: Float[np.ndarray, "candidate parameter"], journal: Path
 ) -> tuple[Told, tuple[float, float]]:
-    found = np.asarray(known["points"], float)
-    if not np.array_equal(found, points):
+    evaluated = np.asarray(known["points"], float)
+    if not np.array_equal(evaluated, points):
         raise CaseError(
             journal, "", "expected the candidates that the optimiser asks; another version wrote them: begin anew."
         )
     slopes = None if known["slopes"] is None else np.asarray(known["slopes"], float)
-    told = Told(found, np.asarray(known["accuracy"], float), np.asarray(known["residuals"], float), slopes)
+    told = Told(evaluated, np.asarray(known["accuracy"], float), np.asarray(known["residuals"], float), slopes)
     return told, (float(known["times"][0]), float(known["times"][1]))

@@ -52,10 +52,10 @@ def draw_ranks(ranks: pd.DataFrame, file: Path) -> None:
 
     def draw(axes: Axes, problem: str) -> None:
         group: Any = ranks[ranks["problem"] == problem]
-        place = np.arange(len(group))[::-1]
+        height = np.arange(len(group))[::-1]
         is_worse = (group["p_value"] < 0.05).to_numpy()
-        axes.barh(place, group["mean_rank"], 0.7, color=np.where(is_worse, "#9dbad5", "#1f6fb4").tolist())
-        axes.set_yticks(place, group["optimiser"])
+        axes.barh(height, group["mean_rank"], 0.7, color=np.where(is_worse, "#9dbad5", "#1f6fb4").tolist())
+        axes.set_yticks(height, group["optimiser"])
         axes.set_title(problem)
         axes.set_xlabel("mean rank; pale: worse than the first (p < 0.05)")
 

@@ -111,7 +111,7 @@ class FunctionProblem:
         """Return what becomes of candidates of the unit cube; noise and failures differ by their numbers in the run."""
         residuals, jacobian = self._residuals(points)
         number = residuals.shape[1]
-        draws = [generator(self.seed, PROBLEM, 3, first + place) for place in range(len(points))]
+        draws = [generator(self.seed, PROBLEM, 3, first + number) for number in range(len(points))]
         crashes = np.asarray([draw.random() for draw in draws]) < FAILING_SHARE
         noise = self.typical * NOISE[self.variant]
         residuals = residuals + noise * np.asarray([draw.standard_normal(number) for draw in draws])

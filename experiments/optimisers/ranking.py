@@ -20,7 +20,7 @@ def summary_table(rows: pd.DataFrame, seed: int = 0) -> pd.DataFrame:
     """
     random = np.random.default_rng(seed)
     keys = ["problem", "budget", "share", "optimiser"]
-    found = []
+    summaries = []
     key: Any
     group: Any
     for key, group in rows.groupby(keys, sort=False):
@@ -32,12 +32,12 @@ def summary_table(rows: pd.DataFrame, seed: int = 0) -> pd.DataFrame:
         )  # fmt: skip
         assert interval is not None
         times = {name: float(group[name].median()) for name in ("num_evaluated", "optimiser_s", "evaluation_s")}
-        found.append(
+        summaries.append(
             dict(zip(keys, key, strict=True))
             | {"median": float(np.median(errors)), "low": interval[0], "high": interval[1], "num_seeds": len(errors)}
             | times
         )
-    return pd.DataFrame(found)
+    return pd.DataFrame(summaries)
 
 
 def rank_table(blocks: pd.DataFrame) -> pd.DataFrame:
@@ -64,13 +64,13 @@ def rank_table(blocks: pd.DataFrame) -> pd.DataFrame:
         friedman = float(friedmanchisquare(*rankdata(errors, axis=1).T).pvalue)
     best = errors[:, order[0]]
     raw = np.full(num_optimisers, np.nan)
-    for place in order[1:]:
+    for optimiser in order[1:]:
         if num_blocks >= FEWEST_BLOCKS:
-            raw[place] = _signed_rank(errors[:, place], best)
+            raw[optimiser] = _signed_rank(errors[:, optimiser], best)
     adjusted = holm(raw)
     return pd.DataFrame(
         {
-            "optimiser": [str(blocks.columns[place]) for place in order],
+            "optimiser": [str(blocks.columns[optimiser]) for optimiser in order],
             "mean_rank": ranks[order],
             "p_value": adjusted[order],
             "friedman_p": friedman,

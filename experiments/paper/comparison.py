@@ -52,7 +52,7 @@ def _change(value_of: Callable[[Trial], float]) -> Callable[[Sequence[Pair]], fl
     """Return the change of a mean over trials, in per cent of the other method's."""
 
     def change(pairs: Sequence[Pair]) -> float | None:
-        ours, other = (float(np.mean([value_of(pair[place]) for pair in pairs])) for place in (0, 1))
+        ours, other = (float(np.mean([value_of(pair[side]) for pair in pairs])) for side in (0, 1))
         return 100.0 * (ours - other) / other if other > 0.0 else None
 
     return change
@@ -63,7 +63,7 @@ def _aspect(choose: Callable[[list[float]], float]) -> Callable[[Sequence[Pair]]
 
     def aspect(pairs: Sequence[Pair]) -> float | None:
         means = mean_errors([pair[0] for pair in pairs])
-        return 100.0 * choose([one for one in means.values() if one is not None])
+        return 100.0 * choose([mean for mean in means.values() if mean is not None])
 
     return aspect
 
@@ -80,7 +80,7 @@ def mean_errors(trials: Sequence[Trial]) -> dict[str, float | None]:
 def critical_sets(trials: Sequence[Trial]) -> dict[int, list[str]]:
     """Return the critical parameters by pattern, of its first repetition."""
     first: dict[int, Trial] = {}
-    for trial in sorted(trials, key=lambda one: one.repetition):
+    for trial in sorted(trials, key=lambda trial: trial.repetition):
         if trial.critical:
             first.setdefault(trial.pattern, trial)
     return {pattern: first[pattern].critical for pattern in sorted(first)}
@@ -88,8 +88,8 @@ def critical_sets(trials: Sequence[Trial]) -> dict[int, list[str]]:
 
 def _similar(least: float) -> Callable[[Sequence[Pair]], float | None]:
     def share(pairs: Sequence[Pair]) -> float | None:
-        found = pair_shares(list(critical_sets([pair[0] for pair in pairs]).values()), least)
-        return None if found is None else 100.0 * found
+        shares = pair_shares(list(critical_sets([pair[0] for pair in pairs]).values()), least)
+        return None if shares is None else 100.0 * shares
 
     return share
 
@@ -103,15 +103,15 @@ def _deviation_h(pairs: Sequence[Pair]) -> float | None:
     by_pattern: dict[int, list[float]] = {}
     for trial, _ in pairs:
         by_pattern.setdefault(trial.pattern, []).append(trial.calibration_s / 3600.0)
-    means = [float(np.mean(one)) for one in by_pattern.values()]
+    means = [float(np.mean(hours)) for hours in by_pattern.values()]
     return float(np.std(means, ddof=1)) if len(means) > 1 else None
 
 
 PAPER_FIGURES = (
     PaperFigure("vehicle-level error (Eq. 23), change against the state of the art [%]", "5.5.2", "-83.53",
-                _change(lambda one: one.vehicle_level), STATE_OF_THE_ART, ERRORS_DIFFER),
+                _change(lambda trial: trial.vehicle_level), STATE_OF_THE_ART, ERRORS_DIFFER),
     PaperFigure("vehicle-level error (Eq. 23), change against no calibration [%]", "5.5.2", "-85.22",
-                _change(lambda one: one.vehicle_level), NO_CALIBRATION, ERRORS_DIFFER),
+                _change(lambda trial: trial.vehicle_level), NO_CALIBRATION, ERRORS_DIFFER),
     PaperFigure("all nine errors, change against the state of the art [%]", "5.5.3", "-51.9",
                 _change(mean_error), STATE_OF_THE_ART, MEAN_UNDEFINED),
     PaperFigure("all nine errors, change against no calibration [%]", "5.5.3", "-70.3",
@@ -119,9 +119,9 @@ PAPER_FIGURES = (
     PaperFigure("least error of an aspect [%]", "5.5.3", "9.0", _aspect(min), None, ERRORS_DIFFER),
     PaperFigure("largest error of an aspect [%]", "5.5.3", "27.4", _aspect(max), None, ERRORS_DIFFER),
     PaperFigure("calibration time, change against the state of the art [%]", "5.5.4", "-76.75",
-                _change(lambda one: one.calibration_s), STATE_OF_THE_ART, TIME_DIFFERS),
+                _change(lambda trial: trial.calibration_s), STATE_OF_THE_ART, TIME_DIFFERS),
     PaperFigure("simulations of the search, change against the state of the art [%]", "-", "not given",
-                _change(lambda one: one.surrogate_runs), STATE_OF_THE_ART, TIME_DIFFERS),
+                _change(lambda trial: trial.surrogate_runs), STATE_OF_THE_ART, TIME_DIFFERS),
     PaperFigure("standard deviation of the calibration time over patterns [h]", "5.5.4", "2.38",
                 _deviation_h, None, "the paper's VISSIM takes days; ours seconds to minutes"),
     PaperFigure("pairs of patterns with a similarity (Eq. 37) of 0.3 or more [%]", "5.5.4", "100",
@@ -153,9 +153,10 @@ def comparison_table(trials: Sequence[Trial]) -> pd.DataFrame:
 
 def paired(trials: Sequence[Trial], method: str, other: str) -> list[Pair]:
     """Return trials of two methods on the same pattern and repetition."""
-    place = {(one.pattern, one.repetition): one for one in trials if one.method == other}
-    ours = [one for one in trials if one.method == method]
-    return [(one, place[one.pattern, one.repetition]) for one in ours if (one.pattern, one.repetition) in place]
+    theirs = {(trial.pattern, trial.repetition): trial for trial in trials if trial.method == other}
+    ours = [trial for trial in trials if trial.method == method]
+    keys = [(trial.pattern, trial.repetition) for trial in ours]
+    return [(trial, theirs[key]) for trial, key in zip(ours, keys, strict=True) if key in theirs]
 
 
 def summary_table(trials: Sequence[Trial]) -> pd.DataFrame:
@@ -173,7 +174,7 @@ def summary_table(trials: Sequence[Trial]) -> pd.DataFrame:
         ]
     rows = [*MOES, VEHICLE_LEVEL_SUM, "surrogate_runs", "sumo_runs", "calibration_s"]
     floor = noise_floor_of(trials)
-    table = {"measure": rows, **{name: [_rounded(one) for one in values] for name, values in columns.items()}}
+    table = {"measure": rows, **{name: [_rounded(value) for value in values] for name, values in columns.items()}}
     return pd.DataFrame(table | {"noise floor": [_rounded(floor.get(row)) for row in rows]})
 
 
@@ -184,7 +185,7 @@ def noise_floor_of(trials: Sequence[Trial]) -> dict[str, float | None]:
     floors: dict[str, float | None] = {}
     for name in MOES:
         known = [trial.floor.get(name) for trial in trials if trial.method == best]
-        known = [one for one in known if one is not None]
+        known = [value for value in known if value is not None]
         floors[name] = float(np.mean(known)) if known else None
     return floors
 
@@ -200,7 +201,7 @@ def _interval(ours: Callable[[Sequence[Pair]], float | None], pairs: list[Pair])
 
 def _chance(figure: PaperFigure, trials: Sequence[Trial]) -> float | None:
     """Return what two random sets of as many parameters would show."""
-    sized = next((one for one in trials if one.critical), None)
+    sized = next((trial for trial in trials if trial.critical), None)
     if figure.least_similarity is None or sized is None:
         return None
     return 100.0 * chance_at_least(figure.least_similarity, len(sized.critical), sized.num_drivers)
@@ -208,7 +209,7 @@ def _chance(figure: PaperFigure, trials: Sequence[Trial]) -> float | None:
 
 def chance_of(trials: Sequence[Trial]) -> float | None:
     """Return the similarity that two random sets have on average; None if nobody screened."""
-    sized = next((one for one in trials if one.critical), None)
+    sized = next((trial for trial in trials if trial.critical), None)
     return None if sized is None else chance_similarity(len(sized.critical), sized.num_drivers)
 
 

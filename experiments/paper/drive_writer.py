@@ -113,8 +113,8 @@ def _place(
     for number in np.unique(row):
         of_row = geometry.by_row[number]
         here = row == number
-        found = np.searchsorted(geometry.begin_m[of_row], position_m[here], side="right") - 1
-        segment[here] = of_row[np.clip(found, 0, len(of_row) - 1)]
+        number_in_row = np.searchsorted(geometry.begin_m[of_row], position_m[here], side="right") - 1
+        segment[here] = of_row[np.clip(number_in_row, 0, len(of_row) - 1)]
     share = (position_m - geometry.begin_m[segment]) / geometry.length_m[segment]
     step = geometry.step_xy[segment]
     left = np.stack([-step[:, 1], step[:, 0]], axis=1) / np.hypot(step[:, 0], step[:, 1])[:, None]

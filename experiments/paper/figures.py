@@ -43,15 +43,15 @@ def _dots(
     axes: Axes, trials: Sequence[Trial], methods: Sequence[str], value_of: Callable[[Trial], float | None]
 ) -> None:
     """Draw every trial as a dot and the mean of each method as a bar."""
-    for place, method in enumerate(methods):
+    for number, method in enumerate(methods):
         values = [value_of(trial) for trial in trials if trial.method == method]
-        known = np.asarray([one for one in values if one is not None], float)
+        known = np.asarray([value for value in values if value is not None], float)
         if not len(known):
             continue
         color = COLORS.get(method, "#4f9d69")
-        axes.bar(place, known.mean(), 0.7, color=color, alpha=0.75)
+        axes.bar(number, known.mean(), 0.7, color=color, alpha=0.75)
         spread = np.linspace(-0.2, 0.2, len(known)) if len(known) > 1 else np.zeros(1)
-        axes.plot(place + spread, known, "o", color="#222222", ms=2.5)
+        axes.plot(number + spread, known, "o", color="#222222", ms=2.5)
     axes.set_xticks(range(len(methods)), [_label(method) for method in methods], rotation=30, ha="right", fontsize=7)
     axes.set_ylim(bottom=0.0)
 
@@ -61,7 +61,7 @@ def _aspects(trials: Sequence[Trial], names: Sequence[str]) -> str:
 
     def draw(grid: list[list[Axes]]) -> None:
         for letter, axes, name in zip(PANEL_LETTERS, grid[0], names, strict=False):
-            _dots(axes, trials, methods, lambda one, name=name: _percent(one.errors.get(name)))
+            _dots(axes, trials, methods, lambda trial, name=name: _percent(trial.errors.get(name)))
             axes.axhspan(0.0, 100.0 * (floor[name] or 0.0), color=NOISE, alpha=0.6, lw=0, zorder=0)
             axes.set_title(f"({letter}) {name.replace('_', ' ')}", fontsize=8)
         grid[0][0].set_ylabel("error [%]; grey: noise floor")
@@ -73,19 +73,21 @@ def _vehicle_level(trials: Sequence[Trial]) -> str:
     methods = methods_of(trials)
 
     def draw(axes: Axes) -> None:
-        _dots(axes, trials, methods, lambda one: 100.0 * one.vehicle_level)
+        _dots(axes, trials, methods, lambda trial: 100.0 * trial.vehicle_level)
         axes.set_ylabel("sum of the vehicle-level errors (Eq. 23) [%]")
 
     return svg(draw, 1.1 * len(methods) + 1.0, 3.2)
 
 
 def _improvements(trials: Sequence[Trial]) -> str | None:
-    ours = [method for method in (PRINTED, IMPROVED) if any(one.method == method for one in trials)]
-    others = [one for one in (NO_CALIBRATION, STATE_OF_THE_ART) if any(trial.method == one for trial in trials)]
+    ours = [method for method in (PRINTED, IMPROVED) if any(trial.method == method for trial in trials)]
+    others = [
+        method for method in (NO_CALIBRATION, STATE_OF_THE_ART) if any(trial.method == method for trial in trials)
+    ]
     if not ours or not others:
         return None
     names = list(MOES)
-    place = np.arange(len(names))[::-1]
+    height = np.arange(len(names))[::-1]
 
     def draw(grid: list[list[Axes]]) -> None:
         for letter, axes, other in zip(PANEL_LETTERS, grid[0], others, strict=False):
@@ -94,9 +96,9 @@ def _improvements(trials: Sequence[Trial]) -> str | None:
                 before, after = (mean_errors([pair[side] for pair in pairs]) for side in (1, 0))
                 change = [_difference(after[name], before[name]) for name in names]
                 shift = 0.19 * (1 - 2 * number) if len(ours) > 1 else 0.0
-                axes.barh(place + shift, change, 0.36, color=COLORS[method], label=_label(method))
+                axes.barh(height + shift, change, 0.36, color=COLORS[method], label=_label(method))
             axes.axvline(0.0, color="#222222", lw=0.8)
-            axes.set_yticks(place, [name.replace("_", " ") for name in names], fontsize=7)
+            axes.set_yticks(height, [name.replace("_", " ") for name in names], fontsize=7)
             axes.set_title(f"({letter}) against {_label(other)}", fontsize=8)
             axes.set_xlabel("error saved [percentage points]", fontsize=8)
         grid[0][0].legend(frameon=False, fontsize=7)
@@ -105,20 +107,20 @@ def _improvements(trials: Sequence[Trial]) -> str | None:
 
 
 def _per_aspect(trials: Sequence[Trial]) -> str | None:
-    ours = [method for method in (PRINTED, IMPROVED) if any(one.method == method for one in trials)]
+    ours = [method for method in (PRINTED, IMPROVED) if any(trial.method == method for trial in trials)]
     if not ours:
         return None
     floor, names = noise_floor_of(trials), list(MOES)
-    place = np.arange(len(names))[::-1]
+    height = np.arange(len(names))[::-1]
 
     def draw(axes: Axes) -> None:
-        axes.barh(place, [100.0 * (floor[name] or 0.0) for name in names], 0.86, color=NOISE, label="noise floor")
+        axes.barh(height, [100.0 * (floor[name] or 0.0) for name in names], 0.86, color=NOISE, label="noise floor")
         axes.axvspan(9.0, 27.4, color="#f2d8a7", alpha=0.35, lw=0, zorder=0, label="the paper's 9.0 to 27.4 %")
         for method in ours:
-            means = mean_errors([one for one in trials if one.method == method])
+            means = mean_errors([trial for trial in trials if trial.method == method])
             values = [np.nan if means[name] is None else 100.0 * float(means[name] or 0.0) for name in names]
-            axes.plot(values, place, "o", color=COLORS[method], ms=6, label=_label(method))
-        axes.set_yticks(place, [name.replace("_", " ") for name in names])
+            axes.plot(values, height, "o", color=COLORS[method], ms=6, label=_label(method))
+        axes.set_yticks(height, [name.replace("_", " ") for name in names])
         axes.set_xlabel("mean error [%]")
         axes.set_xlim(left=0.0)
         axes.legend(frameon=False, fontsize=7)
@@ -132,11 +134,11 @@ def _cost(trials: Sequence[Trial]) -> str | None:
         return None
 
     def draw(grid: list[list[Axes]]) -> None:
-        _dots(grid[0][0], trials, methods, lambda one: one.calibration_s / 60.0)
+        _dots(grid[0][0], trials, methods, lambda trial: trial.calibration_s / 60.0)
         grid[0][0].set_ylabel("calibration time [min]")
-        _dots(grid[0][1], trials, methods, lambda one: float(one.surrogate_runs))
+        _dots(grid[0][1], trials, methods, lambda trial: float(trial.surrogate_runs))
         grid[0][1].set_ylabel("runs in the surrogate")
-        _dots(grid[0][2], trials, methods, lambda one: float(one.sumo_runs))
+        _dots(grid[0][2], trials, methods, lambda trial: float(trial.sumo_runs))
         grid[0][2].set_ylabel("runs in SUMO")
 
     return svg_grid(draw, 1, 3, 3.0 * len(methods), 3.0)
@@ -146,7 +148,7 @@ def _similarity(trials: Sequence[Trial]) -> str | None:
     ours = [
         method
         for method in methods_of(trials)
-        if len(critical_sets([one for one in trials if one.method == method])) > 1
+        if len(critical_sets([trial for trial in trials if trial.method == method])) > 1
     ]
     if not ours:
         return None
@@ -154,7 +156,7 @@ def _similarity(trials: Sequence[Trial]) -> str | None:
 
     def draw(grid: list[list[Axes]]) -> None:
         for axes, method in zip(grid[0], ours, strict=True):
-            sets = critical_sets([one for one in trials if one.method == method])
+            sets = critical_sets([trial for trial in trials if trial.method == method])
             matrix = similarity_matrix(list(sets.values()))
             axes.imshow(matrix, vmin=0.0, vmax=1.0, cmap="Blues")
             for (row, column), value in np.ndenumerate(matrix):

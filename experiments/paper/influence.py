@@ -82,7 +82,7 @@ def run_influence(plan: InfluencePlan) -> str:
         def accuracy_of(points: np.ndarray) -> np.ndarray:
             return run.judge(box.unit_of(points), num_runs, STAGE).accuracy
 
-        names = [space.names[place] for place in box.chosen]
+        names = [space.names[number] for number in box.chosen]
         num_critical = min(plan.settings.num_critical, len(names))
         table, cost = influence_table(accuracy_of, names, plan.trajectories, plan.base_samples, plan.seed, num_critical)
         folder.write_text("influence.csv", table.to_csv(index=False))
@@ -143,13 +143,13 @@ def influence_table(
 def agreement(table: pd.DataFrame, num_critical: int) -> dict[str, float]:
     """Return how far the range agrees with the other two: ranks of all parameters, and Eq. 37 of the K first."""
     first = {name: table.nlargest(num_critical, name)["parameter"].tolist() for name in INDICES}
-    found: dict[str, float] = {"similarity_by_chance": chance_similarity(num_critical, len(table))}
+    agreed: dict[str, float] = {"similarity_by_chance": chance_similarity(num_critical, len(table))}
     for name in INDICES[1:]:
-        found[f"rank_correlation_with_{name}"] = float(
+        agreed[f"rank_correlation_with_{name}"] = float(
             np.corrcoef(rankdata(table["range"]), rankdata(table[name]))[0, 1]
         )
-        found[f"similarity_with_{name}"] = similarity_index(first["range"], first[name])
-    return found
+        agreed[f"similarity_with_{name}"] = similarity_index(first["range"], first[name])
+    return agreed
 
 
 def influence_figure(table: pd.DataFrame) -> str:

@@ -199,7 +199,7 @@ def _offspring(state: MemeticState, rng: np.random.Generator) -> Float[np.ndarra
         pair = (mother, father)
         if rng.random() < config.crossover_probability:
             pair = uniform_crossover(mother, father, rng)
-        offspring += [mutate(one, rng) if rng.random() < config.mutation_probability else one for one in pair]
+        offspring += [mutate(child, rng) if rng.random() < config.mutation_probability else child for child in pair]
     return np.stack(offspring)[:size]
 
 

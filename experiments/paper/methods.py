@@ -34,12 +34,12 @@ def settings_of(method: str, common: Settings) -> Settings:
 
 # What each part buys: the method as improved without it.
 ABLATIONS: dict[str, Callable[[Settings], Settings]] = {
-    "without_logs": lambda one: msgspec.structs.replace(one, without=(*one.without, "logs")),
-    "without_screening": lambda one: msgspec.structs.replace(one, num_critical=50),
-    "without_optimiser": lambda one: msgspec.structs.replace(one, without=(*one.without, "optimiser")),
-    "with_saga": lambda one: msgspec.structs.replace(one, optimiser="saga"),
-    "without_polish": lambda one: msgspec.structs.replace(one, without=(*one.without, "polish")),
-    "without_gradients": lambda one: msgspec.structs.replace(one, without=(*one.without, "gradients")),
-    "without_correction": lambda one: msgspec.structs.replace(one, without=(*one.without, "correction")),
-    "without_whitening": lambda one: msgspec.structs.replace(one, objective="paper"),
+    "without_logs": lambda common: msgspec.structs.replace(common, without=(*common.without, "logs")),
+    "without_screening": lambda common: msgspec.structs.replace(common, num_critical=50),
+    "without_optimiser": lambda common: msgspec.structs.replace(common, without=(*common.without, "optimiser")),
+    "with_saga": lambda common: msgspec.structs.replace(common, optimiser="saga"),
+    "without_polish": lambda common: msgspec.structs.replace(common, without=(*common.without, "polish")),
+    "without_gradients": lambda common: msgspec.structs.replace(common, without=(*common.without, "gradients")),
+    "without_correction": lambda common: msgspec.structs.replace(common, without=(*common.without, "correction")),
+    "without_whitening": lambda common: msgspec.structs.replace(common, objective="paper"),
 }

@@ -105,11 +105,11 @@ def _with_more_held_out(problem: CalibrationProblem, case_file: Path) -> Calibra
             ]
             more.append(replace(drive, id=name, subject_file=files[0], objects_file=files[1]))
     tables = [
-        f"\n[[drive]]\nid       = {json.dumps(one.id)}\ndepart_s = {one.depart_s!r}\n"
-        f"subject  = {json.dumps(one.subject_file.relative_to(problem.case.folder).as_posix())}\n"
-        f"objects  = {json.dumps(one.objects_file.relative_to(problem.case.folder).as_posix())}\n"
+        f"\n[[drive]]\nid       = {json.dumps(drive.id)}\ndepart_s = {drive.depart_s!r}\n"
+        f"subject  = {json.dumps(drive.subject_file.relative_to(problem.case.folder).as_posix())}\n"
+        f"objects  = {json.dumps(drive.objects_file.relative_to(problem.case.folder).as_posix())}\n"
         f'role     = "held_out"\n'
-        for one in more
+        for drive in more
     ]
     case_file.write_text(case_file.read_text(encoding="utf-8") + "".join(tables), encoding="utf-8")
     return replace(problem, case=replace(problem.case, drives=(*problem.case.drives, *more)))

@@ -80,7 +80,7 @@ def run_study(
                     began = time.perf_counter()
                     try:
                         with progress_of(name) as progress:
-                            one = run_trial(
+                            trial = run_trial(
                                 method, pattern, repetition, case, folder, seed=seed_of(pattern, repetition),
                                 budget=plan.budget, settings=plan.settings, progress=progress,
                             )  # fmt: skip
@@ -90,16 +90,16 @@ def run_study(
                         say(f"{name}: no result, {error}")
                         continue
                     jax.clear_caches()  # the programs of one trial serve no other, and there are hundreds of trials
-                    trials[pattern, repetition, method] = one
+                    trials[pattern, repetition, method] = trial
                     write_data(plan, in_order(trials), failed)
-                    say(f"{name}: vehicle-level error {one.vehicle_level:.3f}, {time.perf_counter() - began:.0f} s")
+                    say(f"{name}: vehicle-level error {trial.vehicle_level:.3f}, {time.perf_counter() - began:.0f} s")
     return in_order(trials)
 
 
 def known_trials(folder: Path) -> dict[TrialKey, Trial]:
     """Return the trials that lie in a folder, whichever call made them, by pattern, repetition and method."""
     trials = [read_trial(file) for file in sorted(folder.rglob(TRIAL_FILE))]
-    return {(one.pattern, one.repetition, one.method): one for one in trials}
+    return {(trial.pattern, trial.repetition, trial.method): trial for trial in trials}
 
 
 def in_order(trials: dict[TrialKey, Trial]) -> list[Trial]:
@@ -114,16 +114,16 @@ def write_data(plan: StudyPlan, trials: list[Trial], failed: Sequence[str] = ())
     write_atomically(plan.out / f"{TABLE}.parquet", lambda file: table.to_parquet(file, index=False))
     about = {
         "case": plan.case.name,
-        "methods": list(dict.fromkeys(one.method for one in trials)),
-        "patterns": [DEMANDS[n - 1].__dict__ | {"pattern": n} for n in sorted({one.pattern for one in trials})],
-        "repetitions": 1 + max((one.repetition for one in trials), default=-1),
+        "methods": list(dict.fromkeys(trial.method for trial in trials)),
+        "patterns": [DEMANDS[n - 1].__dict__ | {"pattern": n} for n in sorted({trial.pattern for trial in trials})],
+        "repetitions": 1 + max((trial.repetition for trial in trials), default=-1),
         "budget": plan.budget,
         "settings": msgspec.to_builtins(plan.settings),
-        "seeds": {f"{one.pattern}/{one.repetition}": one.seed for one in trials},
+        "seeds": {f"{trial.pattern}/{trial.repetition}": trial.seed for trial in trials},
         "versions": versions("SALib"),
         "commit": commit(),
         "failed": list(failed),
-        "trials": [msgspec.to_builtins(one) for one in trials],
+        "trials": [msgspec.to_builtins(trial) for trial in trials],
     }
     text = msgspec.json.format(msgspec.json.encode(about), indent=1) + b"\n"
     write_atomically(plan.out / STUDY_FILE, lambda file: file.write(text))

@@ -61,13 +61,17 @@ def trial_json(trial: Trial) -> str:
 def table_of(trials: list[Trial]) -> pd.DataFrame:
     """Return trials as a table, a row for each; errors have the prefix error_."""
     rows: list[dict[str, Any]] = []
-    for one in trials:
-        row: dict[str, Any] = {name: getattr(one, name) for name in ("method", "pattern", "repetition", "seed", "role")}
-        row |= {f"error_{name}": _number(one.errors.get(name)) for name in MOES}
-        row |= {f"floor_{name}": _number(one.floor.get(name)) for name in MOES}
-        row |= {name: getattr(one, name) for name in ("vehicle_level", "surrogate_runs", "sumo_runs", "calibration_s")}
-        row |= {"critical": " ".join(one.critical), "num_drivers": one.num_drivers}
-        row["stage2_undid_stage1"] = "" if one.stage2_undid_stage1 is None else str(one.stage2_undid_stage1).lower()
+    for trial in trials:
+        row: dict[str, Any] = {
+            name: getattr(trial, name) for name in ("method", "pattern", "repetition", "seed", "role")
+        }
+        row |= {f"error_{name}": _number(trial.errors.get(name)) for name in MOES}
+        row |= {f"floor_{name}": _number(trial.floor.get(name)) for name in MOES}
+        row |= {
+            name: getattr(trial, name) for name in ("vehicle_level", "surrogate_runs", "sumo_runs", "calibration_s")
+        }
+        row |= {"critical": " ".join(trial.critical), "num_drivers": trial.num_drivers}
+        row["stage2_undid_stage1"] = "" if trial.stage2_undid_stage1 is None else str(trial.stage2_undid_stage1).lower()
         rows.append(row)
     order = ["pattern", "repetition", "method"]
     return pd.DataFrame(rows).sort_values(order, kind="stable", ignore_index=True) if rows else pd.DataFrame()

@@ -73,21 +73,21 @@ def run_trial(
     options = {"method": method, "seed": seed, "budget": budget, "settings": repr(settings)}
     identity = identify(problem.case, options)
     with open_session(folder / "run", identity, seed=seed, progress=progress, resume=True) as session:
-        found = find_values(method, problem, session, budget, settings)
-        errors = errors_in_sumo(problem, session, found.values, budget)
+        result = find_values(method, problem, session, budget, settings)
+        errors = errors_in_sumo(problem, session, result.values, budget)
     trial = Trial(
         method=method,
         pattern=pattern,
         repetition=repetition,
         seed=seed,
-        surrogate_runs=found.surrogate_runs,
-        sumo_runs=found.sumo_runs,
-        calibration_s=found.calibration_s,
-        parameters=dict(zip(problem.layout.names, found.values.tolist(), strict=True)),
-        critical=list(found.critical),
+        surrogate_runs=result.surrogate_runs,
+        sumo_runs=result.sumo_runs,
+        calibration_s=result.calibration_s,
+        parameters=dict(zip(problem.layout.names, result.values.tolist(), strict=True)),
+        critical=list(result.critical),
         num_drivers=len(problem.layout.attributes),
-        stage2_undid_stage1=found.stage2_undid_stage1,
-        flow_accuracy=list(found.flow_accuracy),
+        stage2_undid_stage1=result.stage2_undid_stage1,
+        flow_accuracy=list(result.flow_accuracy),
         **errors,
     )
     write_atomically(file, lambda stream: stream.write(trial_json(trial).encode()))
@@ -127,9 +127,9 @@ def _two_stages(problem: CalibrationProblem, session: Session, budget: float, se
         surrogate_runs=searched.evaluator.num_runs,
         sumo_runs=health_of(searched.confirmation.outcomes).runs if searched.confirmation.outcomes else 0,
         calibration_s=sum(session.stopwatch.wall_s.get(part, 0.0) for part in CALIBRATION_PARTS),
-        critical=[names[place] for place in searched.found.critical],
+        critical=[names[number] for number in searched.found.critical],
         stage2_undid_stage1=bool(searched.found.has_drifted),
-        flow_accuracy=[float(one) for one in searched.found.stage_1_accuracy],
+        flow_accuracy=[float(accuracy) for accuracy in searched.found.stage_1_accuracy],
     )
 
 
@@ -177,12 +177,12 @@ def errors_in_sumo(problem: CalibrationProblem, session: Session, values: np.nda
         runs: dict[Role, FinalRuns] = {role: wait() for role, wait in waiting.items()}
     for role in reversed(ROLES):  # held-out drives, or those to fit where there are none
         pooled = runs_of_role(problem, runs, role)
-        found = final_errors(problem, role, pooled, pooled)
-        if found is not None:
+        errors = final_errors(problem, role, pooled, pooled)
+        if errors is not None:
             return {
                 "role": role,
-                "errors": dict(found.pooled.errors),
-                "floor": found.floor,
-                "vehicle_level": found.pooled.vehicle_level,
+                "errors": dict(errors.pooled.errors),
+                "floor": errors.floor,
+                "vehicle_level": errors.pooled.vehicle_level,
             }
     raise RuntimeError("no drive could be judged")

@@ -71,9 +71,9 @@ def record(
     path = folder / f"{study}.json"
     before = read_study(path) if path.is_file() else {"title": study, "tables": []}
     tables: list[dict[str, Any]] = before["tables"]
-    names = [one["name"] for one in tables]
+    names = [table["name"] for table in tables]
     new = asdict(table)
-    tables = [new if one["name"] == name else one for one in tables] + ([] if name in names else [new])
+    tables = [new if table["name"] == name else table for table in tables] + ([] if name in names else [new])
     write_study(path, {**before, "tables": tables})
     return path
 
