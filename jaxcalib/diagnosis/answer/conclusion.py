@@ -14,7 +14,7 @@ from jaxcalib.diagnosis.features.noise import on_cells
 from jaxcalib.diagnosis.inference.further import best_effect, most_flexible_shift, next_steps, second_effect
 from jaxcalib.diagnosis.inference.investigation import gain_of, transfer
 from jaxcalib.diagnosis.inference.ledger import LedgerEntry, parameter_shift
-from jaxcalib.diagnosis.inference.marginal_likelihood import NONE, UNKNOWN
+from jaxcalib.diagnosis.inference.marginal_likelihood import NONE, UNKNOWN, none_among
 from jaxcalib.diagnosis.inference.shrinkage import measure_shrinkage
 from jaxcalib.diagnosis.inference.verdict import Verdict
 from jaxcalib.diagnosis.runs.explained_runs import moved_values
@@ -116,11 +116,11 @@ def _parameters(findings: Findings) -> dict[str, dict[str, float]]:
 
 def _ranking(findings: Findings, verdict: Verdict) -> list[Ranked]:
     probability = verdict.probability
-    none = next(explanation.log_evidence for explanation in findings.explained if explanation.name == NONE)
+    none = none_among(findings.explained).log_evidence
     ranking = []
     for explanation in findings.explained:
         gain = float(explanation.log_evidence - none)
-        if explanation.name in (NONE, UNKNOWN):
+        if not explanation.is_effect:
             ranking.append(Ranked(explanation.name, probability[explanation.name], log_evidence=gain))
             continue
         low, high = (reported(explanation.name, bound) for bound in explanation.interval)

@@ -9,7 +9,14 @@ from jaxcalib.diagnosis.features.features import DriveTallies
 from jaxcalib.diagnosis.features.signature import Signature
 from jaxcalib.diagnosis.inference.cross_validation import cross_validated_gains
 from jaxcalib.diagnosis.inference.investigation import NotTestableError, Prepared, explanations, moved, prepare
-from jaxcalib.diagnosis.inference.marginal_likelihood import NEARLY_ALL, NONE, UNKNOWN, Explained, most_misfit
+from jaxcalib.diagnosis.inference.marginal_likelihood import (
+    NEARLY_ALL,
+    NONE,
+    UNKNOWN,
+    Explained,
+    most_misfit,
+    none_among,
+)
 from jaxcalib.diagnosis.runs.null_runs import NullRuns
 from jaxcalib.problem.problem import CalibrationProblem
 
@@ -79,7 +86,7 @@ def confirmed(explained: Sequence[Explained], gains: Mapping[str, float]) -> lis
     judged so; the others lie behind it by what they have less of support. An effect without support is worth no more
     than the baseline.
     """
-    none = next(explanation.log_evidence for explanation in explained if explanation.name == NONE)
+    none = none_among(explained).log_evidence
     support = {
         explanation.name: min(explanation.log_evidence - none, gains[explanation.name])
         for explanation in explained
@@ -106,8 +113,8 @@ def without_needless_unknown(explained: Sequence[Explained], num_features: int) 
     than its own signature, which is never exact to the last detail; and where the best effect has more evidence than
     unknown and leaves no more than chance does.
     """
-    none = next(explanation for explanation in explained if explanation.name == NONE)
-    best = next((explanation for explanation in explained if explanation.name not in (NONE, UNKNOWN)), None)
+    none = none_among(explained)
+    best = next((explanation for explanation in explained if explanation.is_effect), None)
     if best is None or best.log_evidence <= none.log_evidence:
         return list(explained)
     unknown = max(
@@ -125,5 +132,5 @@ def without_needless_unknown(explained: Sequence[Explained], num_features: int) 
 
 def best_gain(explained: Sequence[Explained]) -> float:
     """Log evidence of the best explanation less that of the baseline."""
-    none = next(explanation.log_evidence for explanation in explained if explanation.name == NONE)
-    return max(explanation.log_evidence for explanation in explained if explanation.name != NONE) - none
+    best = max(explanation.log_evidence for explanation in explained if explanation.name != NONE)
+    return best - none_among(explained).log_evidence

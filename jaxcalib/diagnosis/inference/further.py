@@ -8,9 +8,7 @@ from scipy.special import logsumexp
 from jaxcalib.diagnosis.features.noise import NullModel
 from jaxcalib.diagnosis.features.signature import Signature
 from jaxcalib.diagnosis.inference.marginal_likelihood import (
-    NONE,
     TEMPERATURE,
-    UNKNOWN,
     Explained,
     alike_errors,
     log_density,
@@ -128,11 +126,10 @@ def next_steps(
 
 def best_effect(explained: Sequence[Explained], verdict: Verdict) -> Explained | None:
     """Return the explanation behind the first effect that is named; None where none is."""
-    names = [explanation.name for explanation in explained if explanation.name not in (NONE, UNKNOWN)]
-    first = verdict.effects[0] if verdict.effects else None
-    return (
-        next((explanation for explanation in explained if explanation.name == first), None) if first in names else None
-    )
+    named = [
+        explanation for explanation in explained if explanation.is_effect and explanation.name in verdict.effects[:1]
+    ]
+    return named[0] if named else None
 
 
 def _words(name: str) -> str:

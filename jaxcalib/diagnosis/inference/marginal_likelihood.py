@@ -51,6 +51,22 @@ class Explained:
     # by how much it raises the log-likelihood of drives that it was not fitted to; None where that was not judged
     cross_validated_gain: float | None = None
 
+    @property
+    def is_effect(self) -> bool:
+        """Whether it is an effect of the registry, not none or unknown."""
+        return self.name not in (NONE, UNKNOWN)
+
+
+def none_among(explained: Sequence[Explained]) -> Explained:
+    """The explanation that nothing is missing."""
+    return next(explanation for explanation in explained if explanation.name == NONE)
+
+
+def effects_above_none(explained: Sequence[Explained]) -> list[Explained]:
+    """The effects that do better than nothing, in their order."""
+    none = max((explanation.log_evidence for explanation in explained if explanation.name == NONE), default=-np.inf)
+    return [explanation for explanation in explained if explanation.is_effect and explanation.log_evidence > none]
+
 
 def log_density(difference: np.ndarray, covariance: np.ndarray) -> tuple[float, float]:
     """Return the logarithm of a normal density around 0, and the squared whitened difference."""

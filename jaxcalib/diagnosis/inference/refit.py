@@ -13,7 +13,6 @@ is measured from real runs.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import numpy as np
 
@@ -30,7 +29,7 @@ from jaxcalib.diagnosis.inference.marginal_likelihood import (
     signature_behind,
 )
 from jaxcalib.diagnosis.inference.sumo_check import CHECKED_EXACTNESS
-from jaxcalib.diagnosis.runs.explained_runs import ExplainedRuns
+from jaxcalib.diagnosis.runs.explained_runs import ExplainedRunner, ExplainedRuns
 from jaxcalib.statistics.normal import HALF_WIDTH_90
 from surrogate.effects.registry import effect_named
 
@@ -68,26 +67,6 @@ class Refit:
 _Makes = Callable[[Signature, np.ndarray, float], ExplainedRuns | None]
 
 
-class MakesRuns(Protocol):
-    """Makes runs that contain an effect; see `ExplainedRunner`."""
-
-    def in_surrogate(self, signature: Signature, steps: np.ndarray, strength: float) -> ExplainedRuns | None:
-        """Return the surrogate's runs; None where they fail or do not show the effect."""
-        ...
-
-    def in_sumo(self, signature: Signature, steps: np.ndarray, strength: float) -> ExplainedRuns | None:
-        """Return SUMO's runs; None where they fail or it has no means for the effect."""
-        ...
-
-    def recalibrated(self, signature: Signature, strength: float) -> np.ndarray | None:
-        """Return the shift of the parameters, in steps, that a calibration with the effect finds; None if it fails."""
-        ...
-
-    def slopes(self, signature: Signature, steps: np.ndarray, strength: float, known: np.ndarray) -> np.ndarray:
-        """Change of the features with parameters and strength there."""
-        ...
-
-
 @dataclass(frozen=True)
 class _Way:
     """Where a descent begins, and what it goes to; in coordinates of `_Course`."""
@@ -106,7 +85,7 @@ class _Course:
     shift: np.ndarray  # what the contest expected of it, in units of noise
     strength: float  # its strength in the contest
     most: float  # the largest strength it may have
-    maker: MakesRuns
+    maker: ExplainedRunner
 
     @property
     def unit(self) -> np.ndarray:
@@ -181,7 +160,7 @@ def refit(
     fitted: Prepared,
     best: Explained,
     signatures: Sequence[Signature],
-    maker: MakesRuns,
+    maker: ExplainedRunner,
     most_sumo_points: int = MOST_SUMO_POINTS,
     known_steps: np.ndarray | None = None,
 ) -> Refit | None:
@@ -191,7 +170,7 @@ def refit(
         fitted: null model and drives to fit.
         best: the explanation, as the contest found it.
         signatures: of its effect; they say how features change with the strength.
-        maker: makes runs from a signature, the shift of the parameters, in steps, and the size of the strength.
+        maker: makes the runs.
         most_sumo_points: how often SUMO is run at most.
         known_steps: shift of the parameters, in steps, that fits with another explanation: where to begin anew, which
             saves a search.
@@ -222,7 +201,7 @@ def refit(
     )
 
 
-def _course_of(fitted: Prepared, best: Explained, signatures: Sequence[Signature], maker: MakesRuns) -> _Course:
+def _course_of(fitted: Prepared, best: Explained, signatures: Sequence[Signature], maker: ExplainedRunner) -> _Course:
     assert best.shift is not None
     strength = abs(best.strength)
     most = max(MOST_STRENGTH * effect_named(best.name).strong, strength)

@@ -4,19 +4,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from jaxcalib.diagnosis.features.signature import Signature
-from jaxcalib.diagnosis.inference.marginal_likelihood import NONE, UNKNOWN, Explained
+from jaxcalib.diagnosis.inference.marginal_likelihood import Explained, effects_above_none
 from jaxcalib.diagnosis.inference.refit import Refit
 from jaxcalib.diagnosis.inference.sumo_check import NUM_CHECKED, WITHIN
 
 
 def contenders(explained: Sequence[Explained], signatures: Mapping[str, Sequence[Signature]]) -> list[Explained]:
     """Return the best effect and those close behind it, best first, as far as they have signatures."""
-    none = next(explanation.log_evidence for explanation in explained if explanation.name == NONE)
-    effects = [
-        explanation
-        for explanation in explained
-        if explanation.name not in (NONE, UNKNOWN) and explanation.log_evidence > none
-    ]
+    effects = effects_above_none(explained)
     near = [explanation for explanation in effects if explanation.log_evidence > effects[0].log_evidence - WITHIN]
     return [explanation for explanation in near[:NUM_CHECKED] if explanation.name in signatures]
 

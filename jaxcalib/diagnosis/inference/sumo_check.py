@@ -13,7 +13,12 @@ import numpy as np
 from jaxcalib.diagnosis.features.features import DriveTallies
 from jaxcalib.diagnosis.features.noise import NullModel, on_cells
 from jaxcalib.diagnosis.features.signature import Signature
-from jaxcalib.diagnosis.inference.marginal_likelihood import NONE, SIGNATURE_ERROR, UNKNOWN, Explained, signature_behind
+from jaxcalib.diagnosis.inference.marginal_likelihood import (
+    SIGNATURE_ERROR,
+    Explained,
+    effects_above_none,
+    signature_behind,
+)
 from surrogate.effects.base import EffectSetting
 
 NUM_CHECKED = 3  # explanations at most
@@ -64,16 +69,10 @@ def check_in_sumo(
     checks: list[Check] = []
     done: set[str] = set()
     for _ in range(NUM_CHECKED):
-        contender = next(
-            (
-                contender
-                for contender in _contenders(explained)
-                if contender.name not in done and is_expressible(contender.name)
-            ),
-            None,
-        )
-        if contender is None:
+        left = [rival for rival in _contenders(explained) if rival.name not in done and is_expressible(rival.name)]
+        if not left:
             break
+        contender = left[0]
         done.add(contender.name)
         best = signature_behind(known[contender.name], contender)
         strength = best.strengths[-1] if best.is_fixed else abs(contender.strength)
@@ -123,10 +122,7 @@ def corrected(
 
 def _contenders(explained: Sequence[Explained]) -> list[Explained]:
     """Return the best two effects and any that is close behind, best first, of those that do better than nothing."""
-    none = next((contender.log_evidence for contender in explained if contender.name == NONE), -np.inf)
-    effects = [
-        contender for contender in explained if contender.name not in (NONE, UNKNOWN) and contender.log_evidence > none
-    ]
+    effects = effects_above_none(explained)
     best = effects[0].log_evidence if effects else 0.0
     return [contender for rank, contender in enumerate(effects) if rank < 2 or contender.log_evidence > best - WITHIN]
 

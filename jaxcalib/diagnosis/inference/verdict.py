@@ -12,6 +12,7 @@ from jaxcalib.diagnosis.inference.marginal_likelihood import (
     UNKNOWN,
     Explained,
     most_misfit,
+    none_among,
 )
 
 # No simulation lacks nothing: that none of 22 effects is there at any strength is not the likeliest thing beforehand.
@@ -84,9 +85,9 @@ def judge(
         aliased: effects that these drives cannot tell apart; one of them is not named without another.
     """
     probability = probabilities(explained, least_gain)
-    by_name = {explanation.name: explanation for explanation in explained}
-    none = by_name[NONE].log_evidence
-    best_gain = max(explanation.log_evidence for explanation in explained if explanation.name != NONE) - none
+    none = none_among(explained)
+    best_gain = max(explanation.log_evidence for explanation in explained if explanation.name != NONE)
+    best_gain -= none.log_evidence
     ranked = sorted(
         (explanation for explanation in explained if explanation.name != NONE),
         key=lambda explanation: -probability[explanation.name],
@@ -99,8 +100,8 @@ def judge(
     effects = [explanation for explanation in ranked if explanation.name != UNKNOWN]
     if probability[UNKNOWN] > sum(probability[explanation.name] for explanation in effects):
         return Verdict("unknown", (), probability, "Something is missing that is none of the known effects.")
-    misfit = min(_misfit(explanation, by_name[NONE]) for explanation in effects if _is_named(explanation, probability))
-    if misfit > max(most_misfit(num_features), NEARLY_ALL * by_name[NONE].best_misfit):
+    misfit = min(_misfit(explanation, none) for explanation in effects if _is_named(explanation, probability))
+    if misfit > max(most_misfit(num_features), NEARLY_ALL * none.best_misfit):
         reason = "Something is missing, and no known effect explains it down to noise."
         return Verdict("unknown", (), _with_unknown_first(probability), reason)
     chosen: list[str] = []
