@@ -94,7 +94,7 @@ def pair_batch(
 
     def padded(values: Iterable[np.ndarray], mode: Literal["edge", "constant"]) -> np.ndarray:
         length = num_pieces * piece_steps
-        columns = [np.pad(one, (0, length - len(one)), mode=mode) for one in values]
+        columns = [np.pad(column, (0, length - len(column)), mode=mode) for column in values]
         stacked = np.stack(columns, axis=1).astype(np.float32)
         return stacked if lanes is None else stacked[:, lanes]
 
@@ -154,8 +154,8 @@ class Bounds(eqx.Module):
 
 def bounds_of(entry: ModelEntry) -> Bounds:
     """Return the ranges of a model."""
-    lower = [one.lower for one in entry.parameters] + [SLOWEST_DESIRED_MPS]
-    upper = [one.upper for one in entry.parameters] + [FASTEST_DESIRED_MPS]
+    lower = [parameter.lower for parameter in entry.parameters] + [SLOWEST_DESIRED_MPS]
+    upper = [parameter.upper for parameter in entry.parameters] + [FASTEST_DESIRED_MPS]
     return Bounds(single(np.asarray(lower)), single(np.asarray(upper)))
 
 
@@ -251,6 +251,6 @@ def _follow(
     """Return the followers one step later; each has parameters of its own in the unit cube, [parameter, ...]."""
     ranges = (-1, *[1] * (units.ndim - 1))
     values = bounds.lower.reshape(ranges) + units * (bounds.upper - bounds.lower).reshape(ranges)
-    model = entry.build({one.name: values[place] for place, one in enumerate(entry.parameters)})
+    model = entry.build({parameter.name: values[index] for index, parameter in enumerate(entry.parameters)})
     leader = LeaderMotion(piece.leader_mps[time], piece.leader_acceleration_mps2[time], piece.leader_advance_m[time])
     return follow(model, state, leader, values[-1], jnp.full_like(state.speed_mps, UNIFORM), STEP_S)

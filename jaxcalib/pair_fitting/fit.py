@@ -62,14 +62,7 @@ def fit_pairs(
     seed: int = 0,
     on_pairs: Callable[[int], None] = lambda number: None,
 ) -> list[PairFit]:
-    """Fit a model to each pair.
-
-    Args:
-        entry: the model.
-        pairs: what to fit.
-        seed: of the starts.
-        on_pairs: told how many pairs are done.
-    """
+    """Fit a model to each pair."""
     everyone = np.arange(len(pairs))
     with ThreadPoolExecutor(NUM_THREADS) as threads:
         search = _Search(entry, bounds_of(entry), pairs, threads)

@@ -71,16 +71,7 @@ def study_pairs(
     seed: int = 0,
     on_pairs: Callable[[int], None] = lambda number: None,
 ) -> PairStudy:
-    """Fit a model to pairs.
-
-    Args:
-        entry: the model.
-        pairs: what was recorded.
-        dropped: pairs that were left out, and why.
-        held_out_share: last part of each pair that is not fitted; 0 for none.
-        seed: of the starts.
-        on_pairs: told how many pairs are done.
-    """
+    """Fit a model to pairs; of each pair a last part may be held out. Those dropped say why."""
     ends = [len(pair) - round(held_out_share * len(pair)) for pair in pairs]
     fitted = [pair.part(0, end) for pair, end in zip(pairs, ends, strict=True)]
     fits = fit_pairs(entry, fitted, seed, on_pairs)

@@ -32,13 +32,7 @@ def keep(content: bytes) -> bytes:
 
 
 def run_block(case: bytes, identity: dict[str, str], engine: Engine, requests: list[RunRequest]) -> list[RunOutcome]:
-    """Make the runs of a block.
-
-    Args:
-        case: the case's folder as a zip archive.
-        identity: what rows depend on.
-        engine: name of the simulator.
-        requests: runs to make.
+    """Make the runs of a block; the case comes as a zip archive of its folder.
 
     Raises:
         CaseError: this worker has another version of the program.

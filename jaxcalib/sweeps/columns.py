@@ -42,10 +42,6 @@ def parameter_columns(space: ParameterSpace) -> dict[str, str]:
 def sweep_schema(space: ParameterSpace, measures: Mapping[str, Measure]) -> pa.Schema:
     """Return the columns of a sweep's table; each field says unit and meaning in its metadata.
 
-    Args:
-        space: the parameters.
-        measures: the measures.
-
     Raises:
         CaseError: the id of an input is the name of another column.
     """
@@ -74,17 +70,7 @@ def rows_of(
     candidates: Sequence[int],
     outcomes: Sequence[RunOutcome],
 ) -> pa.Table:
-    """Return the rows of a table for outcomes of runs.
-
-    Args:
-        schema: of the table.
-        space: the parameters.
-        measures: the measures.
-        tally_names: names of the tallies that runs observed.
-        engine: name of the simulator.
-        candidates: candidate of each run.
-        outcomes: what came of each.
-    """
+    """Return the rows of a table for outcomes of runs."""
     columns: dict[str, Sequence[object]] = {
         "candidate": list(candidates),
         "engine": [engine] * len(outcomes),

@@ -15,12 +15,7 @@ LEAST_WRITTEN = 0.1
 
 
 def influence_figure(means: CandidateMeans, correlation: Float[np.ndarray, "parameter measure"]) -> str:
-    """Return the rank correlation of each parameter with each measure.
-
-    Args:
-        means: for the names.
-        correlation: of parameters with measures.
-    """
+    """Return the rank correlation of each parameter with each measure."""
 
     def draw(axes: Axes) -> None:
         axes.imshow(correlation, cmap="RdBu", vmin=-1.0, vmax=1.0, aspect="auto")
@@ -40,13 +35,7 @@ def influence_figure(means: CandidateMeans, correlation: Float[np.ndarray, "para
 def dependence_figure(
     means: CandidateMeans, correlation: Float[np.ndarray, "parameter measure"], field: Mapping[str, float]
 ) -> str:
-    """Return each measure against the parameter that it goes with most, with the field's value.
-
-    Args:
-        means: parameters and measures of each candidate.
-        correlation: of parameters with measures.
-        field: the field's value of each measure, as far as it is known.
-    """
+    """Return each measure against the parameter that it goes with most, with the field's value where it is known."""
     names = list(means.parameters)
     strength = np.nan_to_num(np.abs(correlation))
     shown = {

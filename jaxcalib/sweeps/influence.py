@@ -33,13 +33,7 @@ class CandidateMeans:
 def candidate_means(
     rows: Mapping[str, np.ndarray], column_of: Mapping[str, str], measures: Sequence[str]
 ) -> CandidateMeans:
-    """Return the means of each candidate.
-
-    Args:
-        rows: columns of a sweep's table.
-        column_of: column of each parameter.
-        measures: names of measures.
-    """
+    """Return the means of each candidate, from the columns of a sweep's table."""
     good = rows["status"] == "OK"
     _, first, place = np.unique(rows["candidate"][good], return_index=True, return_inverse=True)
     means = {}

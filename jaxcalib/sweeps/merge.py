@@ -29,11 +29,7 @@ def rows_in(description: dict[str, Any], block: int) -> int:
 
 
 def merge(store: SweepStore, description: dict[str, Any]) -> None:
-    """Write the table and remove the blocks.
-
-    Args:
-        store: the blocks.
-        description: what was written down of the sweep; goes into the table's metadata.
+    """Write the table, with what was written down of the sweep as its metadata, and remove the blocks.
 
     Raises:
         CaseError: blocks are missing.

@@ -59,10 +59,6 @@ class PreparedSweep:
 def prepare_sweep(case: Path | str, options: SweepOptions) -> PreparedSweep:
     """Read a case and lay out the runs of a sweep.
 
-    Args:
-        case: the case's folder.
-        options: what is asked for.
-
     Raises:
         CaseError: the case, the design or the settings are wrong.
     """

@@ -30,11 +30,7 @@ def report_files(table: Path) -> tuple[Path, Path]:
 
 
 def write_report(table: Path, problem: CalibrationProblem | None) -> None:
-    """Write what was swept, in numbers and in pictures, beside the table.
-
-    Args:
-        table: the complete table.
-        problem: for the field's values; None leaves them out.
+    """Write what was swept, in numbers and in pictures, beside the table; with a problem the field's values, too.
 
     Raises:
         ResourceError: the disk is full.
@@ -66,11 +62,7 @@ def write_report(table: Path, problem: CalibrationProblem | None) -> None:
 
 
 def summarise(rows: Mapping[str, np.ndarray]) -> dict[str, Any]:
-    """Return what became of the runs, counted.
-
-    Args:
-        rows: columns of a sweep's table.
-    """
+    """Return what became of the runs, counted."""
     return {
         "statuses": dict(Counter(rows["status"].tolist()).most_common()),
         "runs_with_collisions": int((rows["num_collisions"] > 0).sum()),

@@ -144,12 +144,7 @@ class SweepStore:
         return self._parts.file_of(_name_of(block))
 
     def finished(self, num_rows: Callable[[int], int], num_blocks: int) -> set[int]:
-        """Return the blocks that are there as a whole; files that are damaged are removed.
-
-        Args:
-            num_rows: rows of a block.
-            num_blocks: number of blocks.
-        """
+        """Return the blocks that are there as a whole; files that are damaged are removed."""
         there = set(self._parts.names("block-*.parquet"))
 
         def is_whole(block: int) -> bool:
