@@ -27,53 +27,31 @@ PIECE_STEPS = 512
 
 
 class Piece(eqx.Module):
-    """Some steps of pairs side by side; after its end a pair weighs nothing.
+    """Some steps of pairs side by side; after its end a pair weighs nothing."""
 
-    Attributes:
-        leader_mps: [step, pair].
-        leader_acceleration_mps2: [step, pair].
-        leader_advance_m: [step, pair].
-        gap_m: recorded, [step, pair].
-        weight: of each squared error of a gap, 1 / m^2, [step, pair].
-        num_steps: steps of the longest pair in this piece.
-    """
-
-    leader_mps: Array
-    leader_acceleration_mps2: Array
-    leader_advance_m: Array
-    gap_m: Array
-    weight: Array
-    num_steps: Int[Array, ""]
+    leader_mps: Array  # [step, pair]
+    leader_acceleration_mps2: Array  # [step, pair]
+    leader_advance_m: Array  # [step, pair]
+    gap_m: Array  # recorded, [step, pair]
+    weight: Array  # of each squared error of a gap, 1 / m^2, [step, pair]
+    num_steps: Int[Array, ""]  # steps of the longest pair in this piece
 
 
 class PairBatch(eqx.Module):
-    """Pairs side by side.
+    """Pairs side by side."""
 
-    Attributes:
-        first: followers at the beginning, [pair].
-        pieces: one after the other.
-    """
-
-    first: ReplayState
-    pieces: tuple[Piece, ...]
+    first: ReplayState  # followers at the beginning, [pair]
+    pieces: tuple[Piece, ...]  # one after the other
 
 
 class Misfit(eqx.Module):
-    """How far simulated gaps are from the recorded ones, in units of their weights.
+    """How far simulated gaps are from the recorded ones, in units of their weights."""
 
-    Attributes:
-        total: sum of squared residuals: the square of the mixed error.
-        gradient: half its derivative with respect to the point of the unit cube.
-        product: the residuals' slopes, transposed, times themselves.
-        lag_product: sum of products of neighbouring residuals.
-        smallest_gap_m: of the simulated follower.
-    """
-
-    total: Float[Array, " pair"]
-    gradient: Float[Array, "parameter pair"]
-    product: Float[Array, "parameter parameter pair"]
-    lag_product: Float[Array, " pair"]
-    smallest_gap_m: Float[Array, " pair"]
+    total: Float[Array, " pair"]  # sum of squared residuals: the square of the mixed error
+    gradient: Float[Array, "parameter pair"]  # half its derivative with respect to the point of the unit cube
+    product: Float[Array, "parameter parameter pair"]  # the residuals' slopes, transposed, times themselves
+    lag_product: Float[Array, " pair"]  # sum of products of neighbouring residuals
+    smallest_gap_m: Float[Array, " pair"]  # of the simulated follower
 
 
 def pair_batch(

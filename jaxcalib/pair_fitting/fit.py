@@ -37,23 +37,14 @@ UNKNOWN_ERROR = 0.25  # of the range: a parameter with a larger standard error i
 
 @dataclass(frozen=True)
 class PairFit:
-    """What a pair says of its follower.
+    """What a pair says of its follower."""
 
-    Attributes:
-        name: the pair's id.
-        values: the model's parameters, then the desired speed.
-        error: standard errors; inf where the pair says nothing.
-        is_identified: whether the error is at most a quarter of the range and the value is not at a bound.
-        mixed_error: of the gaps that were fitted.
-        smallest_gap_m: of the fitted follower; below 0 it would have hit its leader.
-    """
-
-    name: str
-    values: np.ndarray
-    error: np.ndarray
-    is_identified: np.ndarray
-    mixed_error: float
-    smallest_gap_m: float
+    name: str  # the pair's id
+    values: np.ndarray  # the model's parameters, then the desired speed
+    error: np.ndarray  # standard errors; inf where the pair says nothing
+    is_identified: np.ndarray  # whether the error is at most a quarter of the range and the value is not at a bound
+    mixed_error: float  # of the gaps that were fitted
+    smallest_gap_m: float  # of the fitted follower; below 0 it would have hit its leader
 
 
 def fit_pairs(

@@ -17,19 +17,12 @@ LONGEST_INTERVAL_S = 1.0
 
 @dataclass(frozen=True)
 class RecordedPair:
-    """A follower and its leader, every 0.1 s.
+    """A follower and its leader, every 0.1 s."""
 
-    Attributes:
-        name: the pair's id.
-        leader_mps: the leader's speed.
-        follower_mps: the follower's speed.
-        gap_m: leader's rear bumper less follower's front bumper.
-    """
-
-    name: str
-    leader_mps: Float[np.ndarray, " step"]
-    follower_mps: Float[np.ndarray, " step"]
-    gap_m: Float[np.ndarray, " step"]
+    name: str  # the pair's id
+    leader_mps: Float[np.ndarray, " step"]  # the leader's speed
+    follower_mps: Float[np.ndarray, " step"]  # the follower's speed
+    gap_m: Float[np.ndarray, " step"]  # leader's rear bumper less follower's front bumper
 
     def __len__(self) -> int:
         """Return the number of steps."""

@@ -19,17 +19,11 @@ MOST_STRETCHES = 4  # of a pair
 
 @dataclass(frozen=True)
 class Stretches:
-    """Stretches of pairs.
+    """Stretches of pairs."""
 
-    Attributes:
-        parts: the stretches, each as a pair.
-        pair: place of the pair that each belongs to.
-        weight: of the square of its mixed error in that of the pair.
-    """
-
-    parts: list[RecordedPair]
-    pair: Int[np.ndarray, " stretch"]
-    weight: Float[np.ndarray, " stretch"]
+    parts: list[RecordedPair]  # the stretches, each as a pair
+    pair: Int[np.ndarray, " stretch"]  # place of the pair that each belongs to
+    weight: Float[np.ndarray, " stretch"]  # of the square of its mixed error in that of the pair
 
     def summed(self, total: Float[np.ndarray, "point stretch"]) -> Float[np.ndarray, "point pair"]:
         """Return what the misfits of stretches come to for each pair."""

@@ -25,19 +25,12 @@ Unit = Float[np.ndarray, "candidate varied"]
 
 @dataclass(frozen=True)
 class Design:
-    """Parameter sets to run.
+    """Parameter sets to run."""
 
-    Attributes:
-        name: as the user wrote it; for an orthogonal array also Taguchi's notation.
-        varied: names of the parameters that vary; the others have the scenario's values.
-        values: parameter values of each candidate, in the order of the layout.
-        warnings: what a user should know of it.
-    """
-
-    name: str
-    varied: tuple[str, ...]
-    values: Float[np.ndarray, "candidate parameter"]
-    warnings: tuple[str, ...] = ()
+    name: str  # as the user wrote it; for an orthogonal array also Taguchi's notation
+    varied: tuple[str, ...]  # names of the parameters that vary; the others have the scenario's values
+    values: Float[np.ndarray, "candidate parameter"]  # parameter values of each candidate, in the order of the layout
+    warnings: tuple[str, ...] = ()  # what a user should know of it
 
 
 def make_design(

@@ -16,15 +16,10 @@ MOST_BLOCKS = 2048  # one file each until they are merged
 
 @dataclass(frozen=True)
 class Shard:
-    """The part of a sweep that one of several jobs makes.
+    """The part of a sweep that one of several jobs makes."""
 
-    Attributes:
-        number: of the job, from 1.
-        count: number of jobs.
-    """
-
-    number: int = 1
-    count: int = 1
+    number: int = 1  # of the job, from 1
+    count: int = 1  # number of jobs
 
     def has(self, block: int) -> bool:
         """Return whether the job makes a block."""
@@ -49,21 +44,13 @@ def read_shard(text: str) -> Shard:
 
 @dataclass(frozen=True)
 class SweepPlan:
-    """All runs of a sweep, one candidate after another, each on all seeds.
+    """All runs of a sweep, one candidate after another, each on all seeds."""
 
-    Attributes:
-        engine: name of the simulator.
-        design: parameter sets.
-        num_seeds: runs of each.
-        first_seed: seed of each candidate's first run; the next has the next.
-        departs_s: departures that the runs of a candidate take in turn.
-    """
-
-    engine: Engine
-    design: Design
-    num_seeds: int
-    first_seed: int
-    departs_s: tuple[float, ...]
+    engine: Engine  # name of the simulator
+    design: Design  # parameter sets
+    num_seeds: int  # runs of each
+    first_seed: int  # seed of each candidate's first run; the next has the next
+    departs_s: tuple[float, ...]  # departures that the runs of a candidate take in turn
 
     @property
     def num_rows(self) -> int:

@@ -26,23 +26,14 @@ from sim_adapters.interface import RunOutcome
 
 @dataclass(frozen=True)
 class PreparedSweep:
-    """A sweep before its first run.
+    """A sweep before its first run."""
 
-    Attributes:
-        problem: the case with its scenario and logs.
-        space: the parameters.
-        settings: for their bounds.
-        plan: which runs there are.
-        schema: columns of the table.
-        identity: what rows depend on.
-    """
-
-    problem: CalibrationProblem
-    space: ParameterSpace
-    settings: Settings
-    plan: SweepPlan
-    schema: pa.Schema
-    identity: dict[str, str]
+    problem: CalibrationProblem  # the case with its scenario and logs
+    space: ParameterSpace  # the parameters
+    settings: Settings  # for their bounds
+    plan: SweepPlan  # which runs there are
+    schema: pa.Schema  # columns of the table
+    identity: dict[str, str]  # what rows depend on
 
     def description(self) -> dict[str, Any]:
         """Return what is written down of the sweep when it begins."""
