@@ -15,33 +15,21 @@ FARTHEST_GAP_M = 1e4
 class AsymmetricOptimalVelocity(LateBrakingModel):
     """Asymmetric optimal velocity relative velocity model (AOVRV).
 
-    Attributes:
-        jam_gap_m: eta.
-        time_gap_s: T.
-        accelerating_gap_rate_1ps2: k1 while the leader is faster.
-        accelerating_speed_rate_1ps: k2 while the leader is faster.
-        decelerating_gap_rate_1ps2: k1 else.
-        decelerating_speed_rate_1ps: k2 else.
-        cruise_rate_1ps: gain of the cruise control that holds the desired speed.
-        max_acceleration_mps2: physical bound.
-        max_deceleration_mps2: for stops and gaps of lane changes, not part of the model.
-        emergency_deceleration_mps2: physical bound.
-
     Source: Shang, Rosenblad & Stern (2022), IEEE Trans. Intell. Transp. Syst.; a = k1 (s - eta - T v) + k2 dv, with
     gains of their own for dv <= 0 and dv > 0.
     Deviation: the published model follows only; the lesser of it and a proportional cruise control counts.
     """
 
-    jam_gap_m: Value
-    time_gap_s: Value
-    max_acceleration_mps2: Value
-    max_deceleration_mps2: Value
-    emergency_deceleration_mps2: Value
-    accelerating_gap_rate_1ps2: Value
-    accelerating_speed_rate_1ps: Value
-    decelerating_gap_rate_1ps2: Value
-    decelerating_speed_rate_1ps: Value
-    cruise_rate_1ps: Value
+    jam_gap_m: Value  # eta
+    time_gap_s: Value  # T
+    max_acceleration_mps2: Value  # physical bound
+    max_deceleration_mps2: Value  # for stops and gaps of lane changes, not part of the model
+    emergency_deceleration_mps2: Value  # physical bound
+    accelerating_gap_rate_1ps2: Value  # k1 while the leader is faster
+    accelerating_speed_rate_1ps: Value  # k2 while the leader is faster
+    decelerating_gap_rate_1ps2: Value  # k1 else
+    decelerating_speed_rate_1ps: Value  # k2 else
+    cruise_rate_1ps: Value  # gain of the cruise control that holds the desired speed
 
     def acceleration(self, situation: FollowingSituation, step_s: float) -> Value:
         """Return the lesser of following and cruising, up to the physical bound."""

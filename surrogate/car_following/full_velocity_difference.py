@@ -15,33 +15,21 @@ FARTHEST_GAP_M = 1e4
 class FullVelocityDifference(LateBrakingModel):
     """Full velocity difference model (FVD, VDIFF).
 
-    Attributes:
-        relaxation_rate_1ps: alpha, how fast the speed approaches the optimal one.
-        speed_difference_rate_1ps: lambda_0.
-        interaction_gap_m: S_c, the gap beyond which the difference in speed does not count.
-        gap_scale_m: b, over which the optimal speed rises.
-        form_factor: beta.
-        jam_gap_m: gap kept at standstill.
-        time_gap_s: for stops and gaps of lane changes, not part of the model.
-        max_acceleration_mps2: physical bound, not part of the published model.
-        max_deceleration_mps2: for stops and gaps of lane changes, not part of the model.
-        emergency_deceleration_mps2: physical bound.
-
     Source: Jiang, Wu & Zhu (2001), Phys. Rev. E 64, 017101, with the optimal speed in the form that
     Treiber & Kesting (2013), eq. (10.22), give it: V(s) = v0 (tanh(s/b - beta) + tanh beta) / (1 + tanh beta).
     Deviation: s is the gap less the jam gap, and v0 the driver's own desired speed.
     """
 
-    jam_gap_m: Value
-    time_gap_s: Value
-    max_acceleration_mps2: Value
-    max_deceleration_mps2: Value
-    emergency_deceleration_mps2: Value
-    relaxation_rate_1ps: Value
-    speed_difference_rate_1ps: Value
-    interaction_gap_m: Value
-    gap_scale_m: Value
-    form_factor: Value
+    jam_gap_m: Value  # gap kept at standstill
+    time_gap_s: Value  # for stops and gaps of lane changes, not part of the model
+    max_acceleration_mps2: Value  # physical bound, not part of the published model
+    max_deceleration_mps2: Value  # for stops and gaps of lane changes, not part of the model
+    emergency_deceleration_mps2: Value  # physical bound
+    relaxation_rate_1ps: Value  # alpha, how fast the speed approaches the optimal one
+    speed_difference_rate_1ps: Value  # lambda_0
+    interaction_gap_m: Value  # S_c, the gap beyond which the difference in speed does not count
+    gap_scale_m: Value  # b, over which the optimal speed rises
+    form_factor: Value  # beta
 
     def acceleration(self, situation: FollowingSituation, step_s: float) -> Value:
         """Return the acceleration, up to the physical bound."""

@@ -17,30 +17,20 @@ FREE_EXPONENT = 4.0
 class GazisHermanRothery(LateBrakingModel):
     """Gazis-Herman-Rothery model (GHR, General Motors).
 
-    Attributes:
-        sensitivity: alpha, m^gamma (m/s)^-beta / s.
-        speed_exponent: beta, of the own speed.
-        gap_exponent: gamma, of the gap.
-        max_acceleration_mps2: on a free road.
-        jam_gap_m: for stops, not part of the model.
-        time_gap_s: for gaps of lane changes, not part of the model.
-        max_deceleration_mps2: for stops and gaps of lane changes, not part of the model.
-        emergency_deceleration_mps2: physical bound.
-
     Source: Gazis, Herman & Rothery (1961), Oper. Res. 9, 545; a = alpha v^beta dv / h^gamma.
     Deviation: h is the gap instead of the spacing, so that it needs no vehicle length; there is no reaction time. The
     model has no free road and no equilibrium gap: without a leader, and wherever that is less, a driver accelerates to
     his desired speed as an IDM driver would.
     """
 
-    jam_gap_m: Value
-    time_gap_s: Value
-    max_acceleration_mps2: Value
-    max_deceleration_mps2: Value
-    emergency_deceleration_mps2: Value
-    sensitivity: Value
-    speed_exponent: Value
-    gap_exponent: Value
+    jam_gap_m: Value  # for stops, not part of the model
+    time_gap_s: Value  # for gaps of lane changes, not part of the model
+    max_acceleration_mps2: Value  # on a free road
+    max_deceleration_mps2: Value  # for stops and gaps of lane changes, not part of the model
+    emergency_deceleration_mps2: Value  # physical bound
+    sensitivity: Value  # alpha, m^gamma (m/s)^-beta / s
+    speed_exponent: Value  # beta, of the own speed
+    gap_exponent: Value  # gamma, of the gap
 
     def acceleration(self, situation: FollowingSituation, step_s: float) -> Value:
         """Return the lesser of following and driving freely."""

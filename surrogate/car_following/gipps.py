@@ -16,25 +16,17 @@ SMALLEST_SPEED_MPS = 1e-3
 class Gipps(LateBrakingModel):
     """Gipps' model.
 
-    Attributes:
-        jam_gap_m: gap kept at standstill.
-        time_gap_s: reaction time tau; in equilibrium the time gap is half as long again.
-        max_acceleration_mps2: a.
-        max_deceleration_mps2: b, the deceleration that the driver is ready to use; a positive number.
-        emergency_deceleration_mps2: physical bound, not part of the published model.
-        leader_deceleration_mps2: b-hat, what he expects of his leader; a positive number.
-
     Source: Gipps (1981), Transp. Res. B 15, 105, eq. (1).
     Deviation: the published model sets a new speed once per reaction time; here a driver approaches that speed within
     a reaction time, step by step, so that the model does not depend on the step.
     """
 
-    jam_gap_m: Value
-    time_gap_s: Value
+    jam_gap_m: Value  # gap kept at standstill
+    time_gap_s: Value  # reaction time tau; in equilibrium the time gap is half as long again
     max_acceleration_mps2: Value
-    max_deceleration_mps2: Value
-    emergency_deceleration_mps2: Value
-    leader_deceleration_mps2: Value
+    max_deceleration_mps2: Value  # b, the deceleration that the driver is ready to use; a positive number
+    emergency_deceleration_mps2: Value  # physical bound, not part of the published model
+    leader_deceleration_mps2: Value  # b-hat, what he expects of his leader; a positive number
 
     def acceleration(self, situation: FollowingSituation, step_s: float) -> Value:
         """Return the acceleration towards the speed of eq. (1)."""

@@ -15,23 +15,15 @@ Value = Float[Array, "..."]
 class Krauss(LateBrakingModel):
     """Krauss' model: as fast as is safe, with random dawdling.
 
-    Attributes:
-        jam_gap_m: gap kept at standstill (minGap).
-        time_gap_s: reaction time tau.
-        max_acceleration_mps2: acceleration a.
-        max_deceleration_mps2: deceleration b that a driver is ready to use, and expects of his leader.
-        emergency_deceleration_mps2: physical bound.
-        imperfection: sigma, share of the acceleration that dawdling may take away.
-
     Source: Krauss (1998), Microscopic modeling of traffic flow, DLR-FB 98-08; `MSCFModel_Krauss` of SUMO 1.28.
     """
 
-    jam_gap_m: Value
-    time_gap_s: Value
+    jam_gap_m: Value  # gap kept at standstill (minGap)
+    time_gap_s: Value  # reaction time tau
     max_acceleration_mps2: Value
-    max_deceleration_mps2: Value
-    emergency_deceleration_mps2: Value
-    imperfection: Value
+    max_deceleration_mps2: Value  # deceleration b that a driver is ready to use, and expects of his leader
+    emergency_deceleration_mps2: Value  # physical bound
+    imperfection: Value  # sigma, share of the acceleration that dawdling may take away
 
     def acceleration(self, situation: FollowingSituation, step_s: float) -> Value:
         """Return the acceleration to the safe speed, less the dawdling."""

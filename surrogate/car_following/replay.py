@@ -12,21 +12,13 @@ Value = Float[Array, "*step follower"]
 
 
 class ReplayStart(eqx.Module):
-    """Followers at the beginning of a replay.
+    """Followers at the beginning of a replay."""
 
-    Attributes:
-        speed_mps: own speed.
-        acceleration_mps2: own acceleration in the step before.
-        gap_m: gap to the leader.
-        leader_acceleration_mps2: the leader's acceleration in the step before.
-        desired_speed_mps: speed wanted.
-    """
-
-    speed_mps: Value
-    acceleration_mps2: Value
-    gap_m: Value
-    leader_acceleration_mps2: Value
-    desired_speed_mps: Value
+    speed_mps: Value  # own speed
+    acceleration_mps2: Value  # own acceleration in the step before
+    gap_m: Value  # gap to the leader
+    leader_acceleration_mps2: Value  # the leader's acceleration in the step before
+    desired_speed_mps: Value  # speed wanted
 
 
 class ReplayState(eqx.Module):

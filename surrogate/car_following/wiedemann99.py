@@ -26,22 +26,7 @@ FARTHEST_GAP_M = 1e4
 
 
 class Wiedemann99(LateBrakingModel):
-    """The ten parameters; the CC number comes first in each name because everybody knows it.
-
-    Attributes:
-        cc0_standstill_gap_m: gap at standstill.
-        cc1_time_gap_s: desired time gap (a gap, though manuals call it headway).
-        cc2_following_variation_m: how far the gap may open beyond the desired one.
-        cc3_following_threshold_s: when braking for a slower leader begins; negative.
-        cc4_negative_speed_threshold_mps: closing speed noticed while following; negative.
-        cc5_positive_speed_threshold_mps: opening speed noticed while following; positive.
-        cc6_oscillation_speed_dependency: how the thresholds grow with distance, 1e-4 1/(m s).
-        cc7_oscillation_acceleration_mps2: acceleration while following.
-        cc8_standstill_acceleration_mps2: acceleration from standstill.
-        cc9_acceleration_at_80kmh_mps2: acceleration at 80 km/h. SUMO never uses it.
-        max_deceleration_mps2: SUMO's decel, for safe gaps and stops.
-        emergency_deceleration_mps2: physical bound.
-    """
+    """The ten parameters; the CC number comes first in each name because everybody knows it."""
 
     habit_fields: ClassVar[Mapping[str, str]] = MappingProxyType(
         {
@@ -50,18 +35,18 @@ class Wiedemann99(LateBrakingModel):
             "max_deceleration_mps2": "deceleration",
         }
     )
-    cc0_standstill_gap_m: Value
-    cc1_time_gap_s: Value
-    cc2_following_variation_m: Value
-    cc3_following_threshold_s: Value
-    cc4_negative_speed_threshold_mps: Value
-    cc5_positive_speed_threshold_mps: Value
-    cc6_oscillation_speed_dependency: Value
-    cc7_oscillation_acceleration_mps2: Value
-    cc8_standstill_acceleration_mps2: Value
-    cc9_acceleration_at_80kmh_mps2: Value
-    max_deceleration_mps2: Value
-    emergency_deceleration_mps2: Value
+    cc0_standstill_gap_m: Value  # gap at standstill
+    cc1_time_gap_s: Value  # desired time gap (a gap, though manuals call it headway)
+    cc2_following_variation_m: Value  # how far the gap may open beyond the desired one
+    cc3_following_threshold_s: Value  # when braking for a slower leader begins; negative
+    cc4_negative_speed_threshold_mps: Value  # closing speed noticed while following; negative
+    cc5_positive_speed_threshold_mps: Value  # opening speed noticed while following; positive
+    cc6_oscillation_speed_dependency: Value  # how the thresholds grow with distance, 1e-4 1/(m s)
+    cc7_oscillation_acceleration_mps2: Value  # acceleration while following
+    cc8_standstill_acceleration_mps2: Value  # acceleration from standstill
+    cc9_acceleration_at_80kmh_mps2: Value  # acceleration at 80 km/h. SUMO never uses it.
+    max_deceleration_mps2: Value  # SUMO's decel, for safe gaps and stops
+    emergency_deceleration_mps2: Value  # physical bound
 
     @property
     def jam_gap_m(self) -> Value:  # pyright: ignore[reportIncompatibleVariableOverride]
@@ -141,21 +126,13 @@ class Wiedemann99Sumo(Wiedemann99):
 
 @dataclasses.dataclass(frozen=True)
 class Thresholds:
-    """The perception thresholds of a driver, named as in Wiedemann's equations.
+    """The perception thresholds of a driver, named as in Wiedemann's equations."""
 
-    Attributes:
-        sdxc_m: least gap that is kept while following.
-        sdxo_m: largest gap while following.
-        sdxv_m: gap at which braking for a slower leader begins.
-        sdvc_mps: leader's speed less own that is noticed as closing.
-        sdvo_mps: leader's speed less own that is noticed as opening.
-    """
-
-    sdxc_m: Value
-    sdxo_m: Value
-    sdxv_m: Value
-    sdvc_mps: Value
-    sdvo_mps: Value
+    sdxc_m: Value  # least gap that is kept while following
+    sdxo_m: Value  # largest gap while following
+    sdxv_m: Value  # gap at which braking for a slower leader begins
+    sdvc_mps: Value  # leader's speed less own that is noticed as closing
+    sdvo_mps: Value  # leader's speed less own that is noticed as opening
 
 
 def seen_gap_m(situation: FollowingSituation) -> Value:

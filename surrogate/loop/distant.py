@@ -20,19 +20,12 @@ from surrogate.vehicle.vehicle_class import VehicleClass, select_by_class
 
 
 class DistantDrivers(eqx.Module):
-    """Which classes follow otherwise beyond the sensors' range; choices of the trace.
+    """Which classes follow otherwise beyond the sensors' range; choices of the trace."""
 
-    Attributes:
-        near: classes within range.
-        distant: the class that each of them is beyond it.
-        ahead_m: range of the sensors ahead.
-        behind_m: range behind.
-    """
-
-    near: tuple[int, ...] = eqx.field(static=True)
-    distant: tuple[int, ...] = eqx.field(static=True)
-    ahead_m: float = eqx.field(static=True)
-    behind_m: float = eqx.field(static=True)
+    near: tuple[int, ...] = eqx.field(static=True)  # classes within range
+    distant: tuple[int, ...] = eqx.field(static=True)  # the class that each of them is beyond it
+    ahead_m: float = eqx.field(static=True)  # range of the sensors ahead
+    behind_m: float = eqx.field(static=True)  # range behind
 
 
 def distant_class(near: VehicleClass, own: VehicleClass) -> VehicleClass:

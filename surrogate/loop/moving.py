@@ -170,15 +170,10 @@ class _Motion(eqx.Module):
 
 
 class _Ahead(eqx.Module):
-    """The last two vehicles of a tile, as the next tile sees them.
+    """The last two vehicles of a tile, as the next tile sees them."""
 
-    Attributes:
-        motion: position, speed and acceleration at each step.
-        vehicle_class: their classes.
-    """
-
-    motion: Float[Array, "step quantity vehicle"]
-    vehicle_class: Int[Array, " vehicle"]
+    motion: Float[Array, "step quantity vehicle"]  # position, speed and acceleration at each step
+    vehicle_class: Int[Array, " vehicle"]  # their classes
 
     @classmethod
     def of_nobody(cls, num_steps: int) -> "_Ahead":

@@ -33,34 +33,22 @@ class RunRecord(eqx.Module):
     """What is left of a run, up to the end of the block in which its subject vehicle arrives.
 
     What happens later depends on how long others of the batch drive, and is nobody's business.
-
-    Attributes:
-        observed: what the observer made of the drive; of each drive if there are several subject vehicles.
-        num_arrived: vehicles that asked to enter, per entrance.
-        num_inserted: vehicles that entered, per entrance.
-        num_on_road: most vehicles on the road at once, sampled at each block's end.
-        num_vehicle_steps: vehicles on the road, summed over steps; counted at the ends of blocks.
-        num_collisions: vehicle steps with overlapping vehicles.
-        num_subject_overlaps: steps in which a subject vehicle that repeats its log overlaps another vehicle.
-        num_lost: newcomers that found the arrays full; a run with any is not valid.
-        num_lane_changes: lane changes on the whole road by reason.
-        subject_entered: whether the subject vehicle, each of them if there are several, found its way onto the road.
-        subject_left: whether it reached its destination.
-        is_finite: whether all positions and speeds are finite at the end.
     """
 
-    observed: Array
-    num_arrived: Int[Array, " entrance"]
-    num_inserted: Int[Array, " entrance"]
-    num_on_road: Int[Array, ""]
-    num_vehicle_steps: Int[Array, ""]
-    num_collisions: Int[Array, ""]
+    observed: Array  # what the observer made of the drive; of each drive if there are several subject vehicles
+    num_arrived: Int[Array, " entrance"]  # vehicles that asked to enter, per entrance
+    num_inserted: Int[Array, " entrance"]  # vehicles that entered, per entrance
+    num_on_road: Int[Array, ""]  # most vehicles on the road at once, sampled at each block's end
+    num_vehicle_steps: Int[Array, ""]  # vehicles on the road, summed over steps; counted at the ends of blocks
+    num_collisions: Int[Array, ""]  # vehicle steps with overlapping vehicles
+    # steps in which a subject vehicle that repeats its log overlaps another vehicle
     num_subject_overlaps: Int[Array, ""]
-    num_lost: Int[Array, ""]
-    num_lane_changes: Int[Array, " reason"]
+    num_lost: Int[Array, ""]  # newcomers that found the arrays full; a run with any is not valid
+    num_lane_changes: Int[Array, " reason"]  # lane changes on the whole road by reason
+    # whether the subject vehicle, each of them if there are several, found its way onto the road
     subject_entered: Bool[Array, "*subject"]
-    subject_left: Bool[Array, "*subject"]
-    is_finite: Bool[Array, ""]
+    subject_left: Bool[Array, "*subject"]  # whether it reached its destination
+    is_finite: Bool[Array, ""]  # whether all positions and speeds are finite at the end
 
 
 class RunPlan(eqx.Module):
@@ -106,25 +94,15 @@ class RunPlan(eqx.Module):
 
 
 class FramePlan(NamedTuple):
-    """How steps, decisions and frames interleave; a cycle ends with a frame, a block is a number of cycles.
+    """How steps, decisions and frames interleave; a cycle ends with a frame, a block is a number of cycles."""
 
-    Attributes:
-        decisions_per_frame: decisions from one frame to the next; 1 if frames are more frequent.
-        frames_per_decision: frames from one decision to the next; 1 if decisions are more frequent.
-        steps_before: steps from a frame to the decision.
-        steps_after: steps from there to the next frame or, if it is farther, the next decision's part.
-        cycles_per_block: cycles in a block.
-        steps_per_cycle: steps in a cycle.
-        steps_per_frame: steps from frame to frame.
-    """
-
-    decisions_per_frame: int
-    frames_per_decision: int
-    steps_before: int
-    steps_after: int
-    cycles_per_block: int
-    steps_per_cycle: int
-    steps_per_frame: int
+    decisions_per_frame: int  # decisions from one frame to the next; 1 if frames are more frequent
+    frames_per_decision: int  # frames from one decision to the next; 1 if decisions are more frequent
+    steps_before: int  # steps from a frame to the decision
+    steps_after: int  # steps from there to the next frame or, if it is farther, the next decision's part
+    cycles_per_block: int  # cycles in a block
+    steps_per_cycle: int  # steps in a cycle
+    steps_per_frame: int  # steps from frame to frame
 
     @property
     def steps_per_block(self) -> int:
@@ -138,19 +116,13 @@ class FramePlan(NamedTuple):
 
 
 class RunState(eqx.Module):
-    """State of a batch of runs. All leaves have a leading axis for runs, and one run's part stands for itself.
+    """State of a batch of runs. All leaves have a leading axis for runs, and one run's part stands for itself."""
 
-    Attributes:
-        states: their roads.
-        observed: what the observer has seen so far, and what the sensors remember where effects are modelled.
-        record: what is known of the runs by now.
-        is_over: which of them have ended.
-    """
-
-    states: TrafficState
+    states: TrafficState  # their roads
+    # what the observer has seen so far, and what the sensors remember where effects are modelled
     observed: ObserverState
-    record: RunRecord
-    is_over: Bool[Array, " run"]
+    record: RunRecord  # what is known of the runs by now
+    is_over: Bool[Array, " run"]  # which of them have ended
 
 
 def record_of(

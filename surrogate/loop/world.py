@@ -18,17 +18,11 @@ from surrogate.vehicle.vehicle_class import VehicleClass
 
 
 class Clock(eqx.Module):
-    """Lengths of steps; choices of the trace.
+    """Lengths of steps; choices of the trace."""
 
-    Attributes:
-        step_s: car-following step.
-        steps_per_decision: steps between two decisions about lanes, arrivals and perception.
-        lane_change_duration_s: time that a lane change takes; 0 for none.
-    """
-
-    step_s: float = eqx.field(static=True)
-    steps_per_decision: int = eqx.field(static=True)
-    lane_change_duration_s: float = eqx.field(static=True, default=0.0)
+    step_s: float = eqx.field(static=True)  # car-following step
+    steps_per_decision: int = eqx.field(static=True)  # steps between two decisions about lanes, arrivals and perception
+    lane_change_duration_s: float = eqx.field(static=True, default=0.0)  # time that a lane change takes; 0 for none
 
     @property
     def change_timing(self) -> ChangeTiming | None:
@@ -42,28 +36,18 @@ class Clock(eqx.Module):
 
 
 class World(eqx.Module):
-    """Everything that stays the same during a run.
+    """Everything that stays the same during a run."""
 
-    Attributes:
-        road: geometry.
-        inflow: where and as what vehicles enter.
-        classes: vehicle classes; that of the subject vehicle is the last.
-        demand_vehps: demand of each entrance.
-        subject: when and where the subject vehicle enters.
-        seed: seed of the run.
-        effects: what the baseline lacks; None for the baseline, whose program then knows nothing of effects.
-        driver: who drives the subject vehicle, if not the models of its class.
-        distant: which vehicles follow otherwise beyond the sensors' range; None where none does.
-    """
-
-    road: Road
-    inflow: Inflow
-    classes: tuple[VehicleClass, ...]
-    demand_vehps: Float[Array, " entrance"]
-    subject: SubjectPlan
-    seed: Int[Array, ""]
+    road: Road  # geometry
+    inflow: Inflow  # where and as what vehicles enter
+    classes: tuple[VehicleClass, ...]  # vehicle classes; that of the subject vehicle is the last
+    demand_vehps: Float[Array, " entrance"]  # demand of each entrance
+    subject: SubjectPlan  # when and where the subject vehicle enters
+    seed: Int[Array, ""]  # seed of the run
+    # what the baseline lacks; None for the baseline, whose program then knows nothing of effects
     effects: Effects | None = None
-    driver: Planner | LoggedMotion | None = None
+    driver: Planner | LoggedMotion | None = None  # who drives the subject vehicle, if not the models of its class
+    # which vehicles follow otherwise beyond the sensors' range; None where none does
     distant: DistantDrivers | None = None
 
     @property

@@ -17,19 +17,12 @@ RowNumbers = Int[np.ndarray, " row"]
 
 @dataclass(frozen=True)
 class LogFormat:
-    """What logs of drives hold.
+    """What logs of drives hold."""
 
-    Attributes:
-        ahead_m: range of the sensors ahead.
-        behind_m: range behind.
-        place_step_m: rounding of distances.
-        speed_step_mps: rounding of speeds.
-    """
-
-    ahead_m: float
-    behind_m: float
-    place_step_m: float
-    speed_step_mps: float
+    ahead_m: float  # range of the sensors ahead
+    behind_m: float  # range behind
+    place_step_m: float  # rounding of distances
+    speed_step_mps: float  # rounding of speeds
 
 
 @dataclass(frozen=True)
@@ -37,34 +30,20 @@ class DriveTable:
     """All vehicles of a drive, the subject vehicle among them; one row per instant and vehicle.
 
     Rows are sorted by (instant, row of the road, -position), so that a leader is the row before.
-
-    Attributes:
-        interval_s: time between two instants.
-        time_s: time of each instant.
-        is_valid: whether the subject vehicle's log has that instant.
-        subject_acceleration_mps2: the subject vehicle's own acceleration at each instant.
-        instant: instant of each row.
-        track: number of the vehicle; NO_TRACK is the subject vehicle.
-        lane: row of the road.
-        offset_m: front bumper less that of the subject vehicle.
-        position_m: front bumper along the route.
-        speed_mps: speed.
-        lateral_m: offset from the centre of the lane, + left.
-        subject_speed_mps: speed of the subject vehicle at each instant.
     """
 
-    interval_s: float
-    time_s: Float[np.ndarray, " instant"]
-    is_valid: Bool[np.ndarray, " instant"]
-    subject_acceleration_mps2: Float[np.ndarray, " instant"]
-    subject_speed_mps: Float[np.ndarray, " instant"]
-    instant: RowNumbers
-    track: RowNumbers
-    lane: RowNumbers
-    offset_m: RowValues
-    position_m: RowValues
+    interval_s: float  # time between two instants
+    time_s: Float[np.ndarray, " instant"]  # time of each instant
+    is_valid: Bool[np.ndarray, " instant"]  # whether the subject vehicle's log has that instant
+    subject_acceleration_mps2: Float[np.ndarray, " instant"]  # the subject vehicle's own acceleration at each instant
+    subject_speed_mps: Float[np.ndarray, " instant"]  # speed of the subject vehicle at each instant
+    instant: RowNumbers  # instant of each row
+    track: RowNumbers  # number of the vehicle; NO_TRACK is the subject vehicle
+    lane: RowNumbers  # row of the road
+    offset_m: RowValues  # front bumper less that of the subject vehicle
+    position_m: RowValues  # front bumper along the route
     speed_mps: RowValues
-    lateral_m: RowValues
+    lateral_m: RowValues  # offset from the centre of the lane, + left
 
     @property
     def is_subject(self) -> RowFlags:

@@ -43,22 +43,13 @@ def entry_ahead(
 
 
 class Neighbour(eqx.Module):
-    """One neighbour of each vehicle: a leader or a follower in some row.
+    """One neighbour of each vehicle: a leader or a follower in some row."""
 
-    Attributes:
-        entry: index into the vehicle arrays.
-        exists: whether there is one.
-        position_m: its front bumper; +inf or anything where it does not exist.
-        speed_mps: its speed.
-        acceleration_mps2: its acceleration in the last step.
-        vehicle_class: its class.
-    """
-
-    entry: Int[Array, " vehicle"]
-    exists: Bool[Array, " vehicle"]
-    position_m: Float[Array, " vehicle"]
+    entry: Int[Array, " vehicle"]  # index into the vehicle arrays
+    exists: Bool[Array, " vehicle"]  # whether there is one
+    position_m: Float[Array, " vehicle"]  # its front bumper; +inf or anything where it does not exist
     speed_mps: Float[Array, " vehicle"]
-    acceleration_mps2: Float[Array, " vehicle"]
+    acceleration_mps2: Float[Array, " vehicle"]  # its acceleration in the last step
     vehicle_class: Int[Array, " vehicle"]
 
 

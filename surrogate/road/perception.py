@@ -21,54 +21,33 @@ class PerceptionFrame(eqx.Module):
     Objects are sorted by (row, -position), so that the leader of an object in its lane is the object before it if both
     are in the same row. The subject vehicle is one of them. Rows are continuous along the road: where an auxiliary lane
     begins on the right the lane numbers change but the rows do not, so a change of row is a change of lane.
-
-    Attributes:
-        time_s: time on the scenario's clock.
-        valid: whether the subject vehicle drives at this instant; everything else is meaningless where it does not.
-        subject_position_m: its front bumper along the route.
-        subject_speed_mps: its speed.
-        subject_acceleration_mps2: its acceleration.
-        num_lanes: lanes of the carriageway where it is.
-        object_valid: whether there is an object at this place of the arrays.
-        object_is_subject: whether that object is the subject vehicle.
-        object_track: number of the object, stable while it is tracked; that of the subject vehicle is NO_TRACK.
-        object_row: its row.
-        object_offset_m: its front bumper less that of the subject vehicle, along the road.
-        object_speed_mps: its speed.
-        object_lateral_m: its offset from the centre of its lane, + left; nan where unknown.
-        ahead_m: range of the sensors ahead.
-        behind_m: range of the sensors behind.
     """
 
-    time_s: Float[Array, ""]
+    time_s: Float[Array, ""]  # time on the scenario's clock
+    # whether the subject vehicle drives at this instant; everything else is meaningless where it does not
     valid: Bool[Array, ""]
-    subject_position_m: Float[Array, ""]
+    subject_position_m: Float[Array, ""]  # its front bumper along the route
     subject_speed_mps: Float[Array, ""]
     subject_acceleration_mps2: Float[Array, ""]
-    num_lanes: Float[Array, ""]
-    object_valid: Bool[Array, " object"]
-    object_is_subject: Bool[Array, " object"]
+    num_lanes: Float[Array, ""]  # lanes of the carriageway where it is
+    object_valid: Bool[Array, " object"]  # whether there is an object at this place of the arrays
+    object_is_subject: Bool[Array, " object"]  # whether that object is the subject vehicle
+    # number of the object, stable while it is tracked; that of the subject vehicle is NO_TRACK
     object_track: Int[Array, " object"]
     object_row: Int[Array, " object"]
-    object_offset_m: Float[Array, " object"]
+    object_offset_m: Float[Array, " object"]  # its front bumper less that of the subject vehicle, along the road
     object_speed_mps: Float[Array, " object"]
-    object_lateral_m: Float[Array, " object"]
-    ahead_m: Float[Array, ""]
-    behind_m: Float[Array, ""]
+    object_lateral_m: Float[Array, " object"]  # its offset from the centre of its lane, + left; nan where unknown
+    ahead_m: Float[Array, ""]  # range of the sensors ahead
+    behind_m: Float[Array, ""]  # range of the sensors behind
 
 
 class Sensor(eqx.Module):
-    """The subject vehicle's sensors.
+    """The subject vehicle's sensors."""
 
-    Attributes:
-        ahead_m: range ahead, front bumper to front bumper.
-        behind_m: range behind.
-        objects_per_row: places for objects in each row; more are not seen.
-    """
-
-    ahead_m: Float[Array, ""]
-    behind_m: Float[Array, ""]
-    objects_per_row: int = eqx.field(static=True)
+    ahead_m: Float[Array, ""]  # range ahead, front bumper to front bumper
+    behind_m: Float[Array, ""]  # range behind
+    objects_per_row: int = eqx.field(static=True)  # places for objects in each row; more are not seen
 
 
 def blank_frame(road: Road, sensor: Sensor) -> PerceptionFrame:

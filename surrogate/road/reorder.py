@@ -20,25 +20,17 @@ NOBODY = jnp.iinfo(jnp.int32).max
 
 
 class Moves(eqx.Module):
-    """Who leaves his place, and behind whom he goes.
+    """Who leaves his place, and behind whom he goes."""
 
-    Attributes:
-        leaves_road: vehicles that have reached their destination.
-        changes_row: vehicles that move into another row.
-        entry_ahead: entry behind which such a vehicle goes.
-        entrant_ahead: entry behind which each newcomer enters; at most one newcomer per entry.
-        entrant_enters: whether there is such a newcomer.
-        entrant_rank: place in the queue; who stands further back enters only if all before him do.
-        closed: entries behind which nobody may enter; None if there are none.
-    """
-
-    leaves_road: Bool[Array, " vehicle"]
-    changes_row: Bool[Array, " vehicle"]
-    entry_ahead: Int[Array, " vehicle"]
+    leaves_road: Bool[Array, " vehicle"]  # vehicles that have reached their destination
+    changes_row: Bool[Array, " vehicle"]  # vehicles that move into another row
+    entry_ahead: Int[Array, " vehicle"]  # entry behind which such a vehicle goes
+    # entry behind which each newcomer enters; at most one newcomer per entry
     entrant_ahead: Int[Array, "entrance lane"]
-    entrant_enters: Bool[Array, "entrance lane"]
+    entrant_enters: Bool[Array, "entrance lane"]  # whether there is such a newcomer
+    # place in the queue; who stands further back enters only if all before him do
     entrant_rank: Int[Array, "entrance lane"]
-    closed: Bool[Array, " vehicle"] | None = None
+    closed: Bool[Array, " vehicle"] | None = None  # entries behind which nobody may enter; None if there are none
 
 
 class Order(eqx.Module):

@@ -12,53 +12,36 @@ from jaxtyping import Array, Bool, Float, Int
 
 
 class Road(eqx.Module):
-    """Static geometry. Positions are metres along the subject vehicle's route; ramps use the same axis.
+    """Static geometry. Positions are metres along the subject vehicle's route; ramps use the same axis."""
 
-    Attributes:
-        cell_origin_m: position at which the first cell begins (ramps may begin before 0).
-        cell_length_m: length of the lookup cells.
-        cell_segment: segment in which each cell begins.
-        segment_end_m: where each segment ends; inf for the last.
-        speed_limit_mps: legal limit.
-        slow_position_m: where the next lower limit downstream in this row begins; inf where there is none.
-        slow_limit_mps: that lower limit.
-        left_row: row that a vehicle may change to on the left; -1 where there is none.
-        right_row: the same on the right.
-        best_lane_offset: lane changes to the lane that the route needs, left positive (SUMO's bestLaneOffset).
-        continuation_end_m: how far the route can be followed from this lane, as SUMO counts it.
-        end_position_m: the distinct places at which a track stops being of use to some route.
-        track_end: which of these ends the stretch that the route can follow in this row without a lane change.
-        stop_position_m: where a vehicle that fails to leave this lane must stand; inf where the route ends first.
-        destination_end_m: where vehicles with this destination leave the road.
-        is_carriageway: whether the subject vehicle's sensors see this piece of the row (ramps are not seen).
-        leads_elsewhere: whether the lane goes on to a road that is not the continuation of the carriageway.
-        edge_start_m: where the edge of the carriageway begins that this segment belongs to.
-        edge_length_m: length of that edge.
-        num_lanes: lanes of the carriageway in this segment, auxiliary lanes included.
-        borders_per_cell: borders of segments within one cell, at most.
-    """
-
-    cell_origin_m: Float[Array, ""]
-    cell_length_m: Float[Array, ""]
-    cell_segment: Int[Array, " cell"]
-    segment_end_m: Float[Array, " segment"]
-    speed_limit_mps: Float[Array, "row segment"]
+    cell_origin_m: Float[Array, ""]  # position at which the first cell begins (ramps may begin before 0)
+    cell_length_m: Float[Array, ""]  # length of the lookup cells
+    cell_segment: Int[Array, " cell"]  # segment in which each cell begins
+    segment_end_m: Float[Array, " segment"]  # where each segment ends; inf for the last
+    speed_limit_mps: Float[Array, "row segment"]  # legal limit
+    # where the next lower limit downstream in this row begins; inf where there is none
     slow_position_m: Float[Array, "row segment"]
-    slow_limit_mps: Float[Array, "row segment"]
-    left_row: Int[Array, "row segment"]
-    right_row: Int[Array, "row segment"]
+    slow_limit_mps: Float[Array, "row segment"]  # that lower limit
+    left_row: Int[Array, "row segment"]  # row that a vehicle may change to on the left; -1 where there is none
+    right_row: Int[Array, "row segment"]  # the same on the right
+    # lane changes to the lane that the route needs, left positive (SUMO's bestLaneOffset)
     best_lane_offset: Int[Array, "destination row segment"]
+    # how far the route can be followed from this lane, as SUMO counts it
     continuation_end_m: Float[Array, "destination row segment"]
-    end_position_m: Float[Array, " end"]
+    end_position_m: Float[Array, " end"]  # the distinct places at which a track stops being of use to some route
+    # which of these ends the stretch that the route can follow in this row without a lane change
     track_end: Int[Array, "destination row segment"]
+    # where a vehicle that fails to leave this lane must stand; inf where the route ends first
     stop_position_m: Float[Array, "destination row segment"]
-    destination_end_m: Float[Array, " destination"]
+    destination_end_m: Float[Array, " destination"]  # where vehicles with this destination leave the road
+    # whether the subject vehicle's sensors see this piece of the row (ramps are not seen)
     is_carriageway: Bool[Array, "row segment"]
+    # whether the lane goes on to a road that is not the continuation of the carriageway
     leads_elsewhere: Bool[Array, "row segment"]
-    edge_start_m: Float[Array, " segment"]
-    edge_length_m: Float[Array, " segment"]
-    num_lanes: Float[Array, " segment"]
-    borders_per_cell: int = eqx.field(static=True)
+    edge_start_m: Float[Array, " segment"]  # where the edge of the carriageway begins that this segment belongs to
+    edge_length_m: Float[Array, " segment"]  # length of that edge
+    num_lanes: Float[Array, " segment"]  # lanes of the carriageway in this segment, auxiliary lanes included
+    borders_per_cell: int = eqx.field(static=True)  # borders of segments within one cell, at most
 
     @property
     def num_rows(self) -> int:

@@ -17,51 +17,31 @@ UNSEEN = -1  # track number of a vehicle that the subject vehicle has not yet de
 
 
 class VehicleArrays(eqx.Module):
-    """What is known of each vehicle. Arrays are sorted by (row, -position); see the module's text.
+    """What is known of each vehicle. Arrays are sorted by (row, -position); see the module's text."""
 
-    Attributes:
-        position_m: front bumper along the route.
-        speed_mps: speed at the end of the last step.
-        acceleration_mps2: speed change over the last step, per second.
-        row: row of the road; the number of rows where the entry is empty.
-        vehicle_class: index into the tuple of vehicle classes, or HEAD or EMPTY.
-        destination: index of the exit that the vehicle takes.
-        identity: (entrance, arrival number) in one integer; keys its random numbers.
-        track: number by order of first detection by the subject vehicle, by each of them if there are several, or
-            UNSEEN.
-        speed_factor: desired speed over the limit.
-        gain_left_memory: LC2013's speed-gain motive to the left.
-        gain_right_memory: the same to the right.
-        keep_right_memory: LC2013's keep-right motive, <= 0.
-        look_ahead_speed_mps: LC2013's slowly decaying speed.
-        own_advice_mps2: acceleration that the vehicle's own lane changing asks for in the coming steps; inf for none.
-        asked_advice_mps2: acceleration that other vehicles' lane changing asks for; inf for none.
-        speed_limit_mps: legal limit where the vehicle was at the last decision.
-        slow_position_m: where the next lower limit begins.
-        slow_limit_mps: that limit.
-        stop_position_m: where the vehicle must stand if it does not leave its lane.
-        personal: what each effect remembers of each vehicle; None without effects.
-    """
-
-    position_m: Float[Array, " vehicle"]
-    speed_mps: Float[Array, " vehicle"]
-    acceleration_mps2: Float[Array, " vehicle"]
-    row: Int[Array, " vehicle"]
-    vehicle_class: Int[Array, " vehicle"]
-    destination: Int[Array, " vehicle"]
-    identity: Int[Array, " vehicle"]
+    position_m: Float[Array, " vehicle"]  # front bumper along the route
+    speed_mps: Float[Array, " vehicle"]  # speed at the end of the last step
+    acceleration_mps2: Float[Array, " vehicle"]  # speed change over the last step, per second
+    row: Int[Array, " vehicle"]  # row of the road; the number of rows where the entry is empty
+    vehicle_class: Int[Array, " vehicle"]  # index into the tuple of vehicle classes, or HEAD or EMPTY
+    destination: Int[Array, " vehicle"]  # index of the exit that the vehicle takes
+    identity: Int[Array, " vehicle"]  # (entrance, arrival number) in one integer; keys its random numbers
+    # number by order of first detection by the subject vehicle, by each of them if there are several, or UNSEEN
     track: Int[Array, " vehicle *subject"]
-    speed_factor: Float[Array, " vehicle"]
-    gain_left_memory: Float[Array, " vehicle"]
-    gain_right_memory: Float[Array, " vehicle"]
-    keep_right_memory: Float[Array, " vehicle"]
-    look_ahead_speed_mps: Float[Array, " vehicle"]
+    speed_factor: Float[Array, " vehicle"]  # desired speed over the limit
+    gain_left_memory: Float[Array, " vehicle"]  # LC2013's speed-gain motive to the left
+    gain_right_memory: Float[Array, " vehicle"]  # the same to the right
+    keep_right_memory: Float[Array, " vehicle"]  # LC2013's keep-right motive, <= 0
+    look_ahead_speed_mps: Float[Array, " vehicle"]  # LC2013's slowly decaying speed
+    # acceleration that the vehicle's own lane changing asks for in the coming steps; inf for none
     own_advice_mps2: Float[Array, " vehicle"]
+    # acceleration that other vehicles' lane changing asks for; inf for none
     asked_advice_mps2: Float[Array, " vehicle"]
-    speed_limit_mps: Float[Array, " vehicle"]
-    slow_position_m: Float[Array, " vehicle"]
-    slow_limit_mps: Float[Array, " vehicle"]
-    stop_position_m: Float[Array, " vehicle"]
+    speed_limit_mps: Float[Array, " vehicle"]  # legal limit where the vehicle was at the last decision
+    slow_position_m: Float[Array, " vehicle"]  # where the next lower limit begins
+    slow_limit_mps: Float[Array, " vehicle"]  # that limit
+    stop_position_m: Float[Array, " vehicle"]  # where the vehicle must stand if it does not leave its lane
+    # what each effect remembers of each vehicle; None without effects
     personal: dict[str, dict[str, Array]] | None = None
 
     @property
@@ -77,62 +57,37 @@ def with_changes(vehicles: VehicleArrays, **changes: Any) -> VehicleArrays:
 
 
 class Manoeuvres(eqx.Module):
-    """Lane changes under way, where changes take time; see `lane_change/manoeuvre.py`.
+    """Lane changes under way, where changes take time; see `lane_change/manoeuvre.py`."""
 
-    Attributes:
-        direction: of the change; 0 where there is none.
-        reason: of the change.
-        age: decisions since it began.
-        has_switched: whether the vehicle belongs to the new lane.
-        shadow_row: the other lane.
-        second_leader: entry of the leader that the change adds, to the vehicle itself or to who is behind; 0 for none.
-    """
-
-    direction: Int[Array, " vehicle"]
-    reason: Int[Array, " vehicle"]
-    age: Int[Array, " vehicle"]
-    has_switched: Bool[Array, " vehicle"]
-    shadow_row: Int[Array, " vehicle"]
+    direction: Int[Array, " vehicle"]  # of the change; 0 where there is none
+    reason: Int[Array, " vehicle"]  # of the change
+    age: Int[Array, " vehicle"]  # decisions since it began
+    has_switched: Bool[Array, " vehicle"]  # whether the vehicle belongs to the new lane
+    shadow_row: Int[Array, " vehicle"]  # the other lane
+    # entry of the leader that the change adds, to the vehicle itself or to who is behind; 0 for none
     second_leader: Int[Array, " vehicle"]
 
 
 class TrafficState(eqx.Module):
-    """All that the next step needs.
-
-    Attributes:
-        vehicles: the vehicle arrays.
-        head: entry at which each row begins, and behind the last row the first empty entry.
-        step: number of the next time step.
-        num_arrived: vehicles that have asked to enter, per entrance.
-        num_inserted: vehicles that have entered, per entrance.
-        next_arrival: cumulated demand [veh] at which the next vehicle of each entrance arrives.
-        cumulated_demand: demand cumulated so far [veh], per entrance.
-        subject_inserted: whether the subject vehicle, each of them if there are several, has entered.
-        subject_left: whether it has reached its destination.
-        num_tracks: vehicles that it has detected so far.
-        num_collisions: vehicle steps with overlapping vehicles.
-        num_subject_overlaps: steps in which a subject vehicle that repeats its log overlaps another vehicle; None where
-            none does.
-        num_lost: vehicles that could not enter because the arrays were full, summed over decisions.
-        num_lane_changes: lane changes by reason; see `lane_change.base.Reason`.
-        manoeuvres: changes under way; None where they take no time.
-    """
+    """All that the next step needs."""
 
     vehicles: VehicleArrays
-    head: Int[Array, " row_plus_one"]
-    step: Int[Array, ""]
-    num_arrived: Int[Array, " entrance"]
-    num_inserted: Int[Array, " entrance"]
-    next_arrival: Float[Array, " entrance"]
-    cumulated_demand: Float[Array, " entrance"]
+    head: Int[Array, " row_plus_one"]  # entry at which each row begins, and behind the last row the first empty entry
+    step: Int[Array, ""]  # number of the next time step
+    num_arrived: Int[Array, " entrance"]  # vehicles that have asked to enter, per entrance
+    num_inserted: Int[Array, " entrance"]  # vehicles that have entered, per entrance
+    next_arrival: Float[Array, " entrance"]  # cumulated demand [veh] at which the next vehicle of each entrance arrives
+    cumulated_demand: Float[Array, " entrance"]  # demand cumulated so far [veh], per entrance
+    # whether the subject vehicle, each of them if there are several, has entered
     subject_inserted: Bool[Array, "*subject"]
-    subject_left: Bool[Array, "*subject"]
-    num_tracks: Int[Array, "*subject"]
-    num_collisions: Int[Array, ""]
+    subject_left: Bool[Array, "*subject"]  # whether it has reached its destination
+    num_tracks: Int[Array, "*subject"]  # vehicles that it has detected so far
+    num_collisions: Int[Array, ""]  # vehicle steps with overlapping vehicles
+    # steps in which a subject vehicle that repeats its log overlaps another vehicle; None where none does
     num_subject_overlaps: Int[Array, ""] | None
-    num_lost: Int[Array, ""]
-    num_lane_changes: Int[Array, " reason"]
-    manoeuvres: Manoeuvres | None = None
+    num_lost: Int[Array, ""]  # vehicles that could not enter because the arrays were full, summed over decisions
+    num_lane_changes: Int[Array, " reason"]  # lane changes by reason; see `lane_change.base.Reason`
+    manoeuvres: Manoeuvres | None = None  # changes under way; None where they take no time
 
 
 def empty_vehicles(num_rows: int, capacity: int) -> VehicleArrays:

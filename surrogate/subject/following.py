@@ -23,14 +23,10 @@ class SubjectFollowing(CarFollowingModel):  # pyright: ignore[reportGeneralTypeI
     How the vehicle follows, stops and slows down comes from the driver; what it can do, and the gaps that it and
     others count on when somebody changes lane, from its vType. SUMO knows only the vType, so that both simulators let
     others treat the subject vehicle alike.
-
-    Attributes:
-        driver: model that drives.
-        vtype: model of the vType.
     """
 
     habit_fields: ClassVar[Mapping[str, str]] = MappingProxyType({})  # it is no human driver
-    driver: CarFollowingModel
+    driver: CarFollowingModel  # model that drives
     vtype: CarFollowingModel
 
     jam_gap_m = _of_vtype("jam_gap_m")

@@ -30,59 +30,36 @@ URGENCY_COST = 20.0  # cost of one lane change still to be made at the last chan
 class Planner(eqx.Module):
     """The planner's parameters; every number is a leaf.
 
-    Attributes:
-        safety_weight: weight of the risk of short gaps, dimensionless.
-        efficiency_weight: weight of the speed lost against the desired one, and of the route.
-        comfort_weight: weight of acceleration, its changes, and changes of lane.
-        jam_gap_m: gap that it keeps at standstill, and expects others to keep.
-        time_gap_s: time gap at which its risk is 1, and that it expects of others.
-        max_acceleration_mps2: highest acceleration that it plans.
-        comfortable_deceleration_mps2: deceleration that enters the desired gap.
-        yield_deceleration_mps2: how hard it expects a follower to yield to it at most.
-        claim_time_gap_s: least time gap, to the leader and to the follower, with which it enters a lane.
-        reaction_s: time that it leaves itself between two looks at its leader.
-        ahead_m: how far ahead it sees, front bumper to front bumper.
-        behind_m: how far behind.
-        horizon_s: how far it plans.
-        prediction_step_s: step of the prediction.
-
     Source: the role of the three weights follows Table 4 of the paper, which takes the planner from Zhang et al.
     (2023), TR-C 156, 104363.
     Deviation: neither text nor code of that planner was at hand; the costs below are our own, see
     docs/subject-vehicle.md.
     """
 
-    safety_weight: Float[Array, ""]
-    efficiency_weight: Float[Array, ""]
-    comfort_weight: Float[Array, ""]
-    jam_gap_m: Float[Array, ""]
-    time_gap_s: Float[Array, ""]
-    max_acceleration_mps2: Float[Array, ""]
-    comfortable_deceleration_mps2: Float[Array, ""]
-    yield_deceleration_mps2: Float[Array, ""]
-    claim_time_gap_s: Float[Array, ""]
-    reaction_s: Float[Array, ""]
-    ahead_m: Float[Array, ""]
-    behind_m: Float[Array, ""]
-    horizon_s: float = eqx.field(static=True, default=5.0)
+    safety_weight: Float[Array, ""]  # weight of the risk of short gaps, dimensionless
+    efficiency_weight: Float[Array, ""]  # weight of the speed lost against the desired one, and of the route
+    comfort_weight: Float[Array, ""]  # weight of acceleration, its changes, and changes of lane
+    jam_gap_m: Float[Array, ""]  # gap that it keeps at standstill, and expects others to keep
+    time_gap_s: Float[Array, ""]  # time gap at which its risk is 1, and that it expects of others
+    max_acceleration_mps2: Float[Array, ""]  # highest acceleration that it plans
+    comfortable_deceleration_mps2: Float[Array, ""]  # deceleration that enters the desired gap
+    yield_deceleration_mps2: Float[Array, ""]  # how hard it expects a follower to yield to it at most
+    claim_time_gap_s: Float[Array, ""]  # least time gap, to the leader and to the follower, with which it enters a lane
+    reaction_s: Float[Array, ""]  # time that it leaves itself between two looks at its leader
+    ahead_m: Float[Array, ""]  # how far ahead it sees, front bumper to front bumper
+    behind_m: Float[Array, ""]  # how far behind
+    horizon_s: float = eqx.field(static=True, default=5.0)  # how far it plans
     prediction_step_s: float = eqx.field(static=True, default=0.5)
 
 
 class Plan(eqx.Module):
-    """What the planner wants until it plans again.
+    """What the planner wants until it plans again."""
 
-    Attributes:
-        direction: RIGHT, STAY or LEFT: the lane change to make now.
-        target_row: row changed to, where `direction` is not STAY.
-        entry_ahead: entry of the leader in that row.
-        acceleration_mps2: acceleration to keep, as far as safety allows.
-        cost: cost of each pair of manoeuvre and acceleration; FORBIDDEN and more where somebody would be hit.
-    """
-
-    direction: Int[Array, ""]
-    target_row: Int[Array, ""]
-    entry_ahead: Int[Array, ""]
-    acceleration_mps2: Float[Array, ""]
+    direction: Int[Array, ""]  # RIGHT, STAY or LEFT: the lane change to make now
+    target_row: Int[Array, ""]  # row changed to, where `direction` is not STAY
+    entry_ahead: Int[Array, ""]  # entry of the leader in that row
+    acceleration_mps2: Float[Array, ""]  # acceleration to keep, as far as safety allows
+    # cost of each pair of manoeuvre and acceleration; FORBIDDEN and more where somebody would be hit
     cost: Float[Array, "manoeuvre acceleration"]
 
 

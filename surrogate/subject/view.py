@@ -20,53 +20,30 @@ Lane = Float[Array, " lane"]
 
 
 class LaneView(eqx.Module):
-    """The lane on the right, the own lane and the lane on the left.
+    """The lane on the right, the own lane and the lane on the left."""
 
-    Attributes:
-        is_open: whether the lane exists here.
-        row: its row; any valid row where there is none.
-        entry_ahead: entry of the leader in the vehicle arrays, or of the row's head.
-        leader_gap_m: leader's rear bumper minus own front bumper; inf where none is in sight.
-        leader_speed_mps: its speed.
-        leader_acceleration_mps2: its last acceleration.
-        follower_gap_m: own rear bumper minus the follower's front bumper; inf where none is in sight.
-        follower_speed_mps: its speed.
-        desired_speed_mps: speed that the subject vehicle wants there.
-        stop_m: distance to where it would have to stand if it stayed there; inf where the route goes on.
-        num_changes: lane changes from there to the lane that the route needs.
-    """
-
-    is_open: Bool[Array, " lane"]
-    row: Int[Array, " lane"]
-    entry_ahead: Int[Array, " lane"]
-    leader_gap_m: Lane
+    is_open: Bool[Array, " lane"]  # whether the lane exists here
+    row: Int[Array, " lane"]  # its row; any valid row where there is none
+    entry_ahead: Int[Array, " lane"]  # entry of the leader in the vehicle arrays, or of the row's head
+    leader_gap_m: Lane  # leader's rear bumper minus own front bumper; inf where none is in sight
     leader_speed_mps: Lane
-    leader_acceleration_mps2: Lane
-    follower_gap_m: Lane
+    leader_acceleration_mps2: Lane  # its last acceleration
+    follower_gap_m: Lane  # own rear bumper minus the follower's front bumper; inf where none is in sight
     follower_speed_mps: Lane
-    desired_speed_mps: Lane
-    stop_m: Lane
-    num_changes: Lane
+    desired_speed_mps: Lane  # speed that the subject vehicle wants there
+    stop_m: Lane  # distance to where it would have to stand if it stayed there; inf where the route goes on
+    num_changes: Lane  # lane changes from there to the lane that the route needs
 
 
 class SubjectView(eqx.Module):
-    """The subject vehicle and the lanes around it.
+    """The subject vehicle and the lanes around it."""
 
-    Attributes:
-        exists: whether it is on the road; everything else is meaningless where it is not.
-        entry: its entry in the vehicle arrays.
-        speed_mps: its speed.
-        acceleration_mps2: its acceleration in the last step.
-        length_m: its length.
-        lanes: the three lanes.
-    """
-
-    exists: Bool[Array, ""]
-    entry: Int[Array, ""]
+    exists: Bool[Array, ""]  # whether it is on the road; everything else is meaningless where it is not
+    entry: Int[Array, ""]  # its entry in the vehicle arrays
     speed_mps: Float[Array, ""]
-    acceleration_mps2: Float[Array, ""]
+    acceleration_mps2: Float[Array, ""]  # its acceleration in the last step
     length_m: Float[Array, ""]
-    lanes: LaneView
+    lanes: LaneView  # the three lanes
 
 
 def look_around(

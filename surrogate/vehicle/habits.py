@@ -13,17 +13,11 @@ Model = TypeVar("Model", bound=CarFollowingModel)
 
 
 class Habits(eqx.Module):
-    """Factors on the parameters of a car-following model; 1 changes no bit.
+    """Factors on the parameters of a car-following model; 1 changes no bit."""
 
-    Attributes:
-        time_gap: factor on the desired time gap.
-        acceleration: factor on the acceleration.
-        deceleration: factor on the deceleration that the driver is ready to use.
-    """
-
-    time_gap: Value
-    acceleration: Value
-    deceleration: Value
+    time_gap: Value  # factor on the desired time gap
+    acceleration: Value  # factor on the acceleration
+    deceleration: Value  # factor on the deceleration that the driver is ready to use
 
     @classmethod
     def usual(cls, like: Array) -> "Habits":

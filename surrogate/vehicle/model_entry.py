@@ -33,28 +33,19 @@ class Parameter:
     may lie far out. `traffic` is for what all drivers of a class share while whole traffic is simulated: narrower where
     the mean of many cannot lie so far out, wider where SUMO's defaults, from which such a search begins, lie beyond
     what single drivers show (its decelerations and accelerations are bounds more than habits).
-
-    Attributes:
-        name: field of the model, with its unit.
-        usual: value to begin with.
-        lower: least value for one driver.
-        upper: greatest value for one driver.
-        traffic: least and greatest value for a class of drivers in traffic; None for the same.
-        is_logarithmic: whether searches in traffic go by factors rather than differences.
-        step: share of the value by which it is moved to see what it does; about what a calibration leaves open.
-        is_fitted: whether leader-follower pairs show it; else it keeps its usual value for them.
-        own_unit: unit where the name's suffix does not say it.
     """
 
-    name: str
-    usual: float
-    lower: float
-    upper: float
+    name: str  # field of the model, with its unit
+    usual: float  # value to begin with
+    lower: float  # least value for one driver
+    upper: float  # greatest value for one driver
+    # least and greatest value for a class of drivers in traffic; None for the same
     traffic: tuple[float, float] | None = None
-    is_logarithmic: bool = False
+    is_logarithmic: bool = False  # whether searches in traffic go by factors rather than differences
+    # share of the value by which it is moved to see what it does; about what a calibration leaves open
     step: float = 0.1
-    is_fitted: bool = True
-    own_unit: str = ""
+    is_fitted: bool = True  # whether leader-follower pairs show it; else it keeps its usual value for them
+    own_unit: str = ""  # unit where the name's suffix does not say it
 
     @property
     def unit(self) -> str:
@@ -69,23 +60,14 @@ class Parameter:
 
 @dataclasses.dataclass(frozen=True, eq=False)  # compared and hashed by identity, so that programs may depend on it
 class ModelEntry(Generic[Model]):
-    """A model of the registry.
+    """A model of the registry."""
 
-    Attributes:
-        name: by which users call it.
-        description: one line.
-        model: its class.
-        rows: its parameters.
-        fixed: the other fields.
-        source: where the ranges come from.
-    """
-
-    name: str
-    description: str
-    model: type[Model]
-    rows: tuple[Parameter, ...]
-    fixed: Mapping[str, float] = dataclasses.field(default_factory=dict)
-    source: str = ""
+    name: str  # by which users call it
+    description: str  # one line
+    model: type[Model]  # its class
+    rows: tuple[Parameter, ...]  # its parameters
+    fixed: Mapping[str, float] = dataclasses.field(default_factory=dict)  # the other fields
+    source: str = ""  # where the ranges come from
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
