@@ -53,11 +53,6 @@ class Road(eqx.Module):
         """Number of segments."""
         return self.speed_limit_mps.shape[1]
 
-    @property
-    def num_destinations(self) -> int:
-        """Number of places where vehicles leave the road."""
-        return self.destination_end_m.shape[0]
-
     def segment_at(self, position_m: Float[Array, "..."]) -> Int[Array, "..."]:
         """Return the segment of each position: that in which its cell begins, or one behind it."""
         cell = ((position_m - self.cell_origin_m) / self.cell_length_m).astype(jnp.int32)
