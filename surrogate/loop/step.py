@@ -1,6 +1,7 @@
 """One decision of the whole road: vehicles change lane, leave and enter; no time passes."""
 
 import dataclasses
+from functools import partial
 
 import equinox as eqx
 import jax
@@ -11,6 +12,7 @@ from surrogate.effects.apply import decide_lanes, remember_lane_changes, road_de
 from surrogate.effects.base import Moment
 from surrogate.inflow.entering import entrants
 from surrogate.inflow.inflow import ArrivalDraws, arrive
+from surrogate.inflow.insertion import entrants_by_rule
 from surrogate.lane_change.decide import decide
 from surrogate.lane_change.manoeuvre import (
     after_reorder,
@@ -110,7 +112,10 @@ def settle_lanes(
         look_ahead_speed_mps=decision.look_ahead_speed_mps,
     )
     with jax.named_scope("enter"):
-        candidates = entrants(
+        enter = (
+            entrants if world.inflow.rules is None else partial(entrants_by_rule, num_steps=clock.steps_per_decision)
+        )
+        candidates = enter(
             state, queues, world.road, world.inflow, world.classes, subject, world.seed, now_s, clock.step_s, effects
         )
     if isinstance(world.driver, LoggedMotion):
