@@ -27,7 +27,6 @@ APPROXIMATED = {
 USUAL = {"insertion-checks": "all"}
 # Ways to depart, and what the surrogate does instead.
 APPROXIMATED_DEPARTURES = (
-    ("lane", "best_prob", "departLane 'best_prob', SUMO's default: the surrogate takes 'best'"),
     ("position", "free", "departPos 'free': the surrogate tries the edge's begin alone, not gaps further on"),
     ("position", "random_free", "departPos 'random_free': the surrogate tries ten places and the edge's begin alone"),
 )

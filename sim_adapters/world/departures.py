@@ -8,7 +8,7 @@ from sim_adapters.scenario.best_lanes import LOOK_AHEAD_M, best_lanes
 from sim_adapters.scenario.demand_elements import Departure
 from sim_adapters.scenario.route_network import RouteNetwork
 from surrogate.inflow import departure as surrogate_departure
-from surrogate.inflow.departure import Position, Speed
+from surrogate.inflow.departure import Lane, Position, Speed
 
 POSITIONS = {
     "base": Position.BASE,
@@ -26,7 +26,8 @@ SPEEDS = {
     "avg": Speed.AVERAGE,
     "random": Speed.RANDOM,
 }
-BEST, RANDOM = ("best", "best_prob"), "random"
+LANES = {"best_prob": Lane.PROBABLE, "random": Lane.RANDOM}  # others take the one with most room
+BEST = ("best", "best_prob")
 
 
 def departure_of(words: Departure) -> surrogate_departure.Departure:
@@ -45,7 +46,6 @@ def lanes_of(network: RouteNetwork, route: Sequence[str], lane: str) -> np.ndarr
     """Return which lanes of a route's first edge a vehicle may enter by its departLane.
 
     Source: `MSEdge::getDepartLane`.
-    Deviation: "best_prob" is taken for "best"; with it SUMO has slow vehicles enter further to the right.
     """
     lanes = network.edge_lanes(route[0])
     is_open = np.asarray([one.is_open for one in lanes])

@@ -14,8 +14,8 @@ from jaxtyping import Array
 from sim_adapters.scenario.demand_elements import Departure
 from sim_adapters.scenario.demand_file import VEHICLES, Flow, Vehicle
 from sim_adapters.scenario.scenario import Scenario
-from sim_adapters.world.departures import RANDOM, departure_of
-from surrogate.inflow.departure import DepartureRules
+from sim_adapters.world.departures import LANES, departure_of
+from surrogate.inflow.departure import DepartureRules, Lane
 from surrogate.inflow.timetable import Schedule
 
 PLAIN_DEPARTURE = Departure("best", "last", "avg")
@@ -150,12 +150,14 @@ def rules_of(scenario: Scenario, queues: list[Queue]) -> DepartureRules:
     usual = everybody[0]
     rows = [[*row, *[usual] * (most - len(row))] for row in table]
     return DepartureRules(
-        has_random_lane=jnp.asarray([queue.lane == RANDOM for queue in queues]),
+        lane=jnp.asarray([LANES.get(queue.lane, Lane.FREE) for queue in queues], jnp.int32),
         position=jnp.asarray([[int(one.position) for one in row] for row in rows], jnp.int32),
         position_m=jnp.asarray([[one.position_m for one in row] for row in rows], jnp.float32),
         speed=jnp.asarray([[int(one.speed) for one in row] for row in rows], jnp.int32),
         speed_mps=jnp.asarray([[one.speed_mps for one in row] for row in rows], jnp.float32),
         subject=subject,
+        has_random_lanes=any(LANES.get(queue.lane) is Lane.RANDOM for queue in queues),
+        has_probable_lanes=any(LANES.get(queue.lane) is Lane.PROBABLE for queue in queues),
         positions=tuple(sorted({one.position for one in everybody})),
         speeds=tuple(sorted({one.speed for one in everybody})),
     )

@@ -7,7 +7,15 @@ departSpeed.
 import enum
 
 import equinox as eqx
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float, Int
+
+
+class Lane(enum.IntEnum):
+    """Which of the lanes that serve him a vehicle takes: what is left of SUMO's departLane."""
+
+    FREE = 0  # that with most room before its last vehicle
+    PROBABLE = 1  # the same, but not left of a last vehicle that wants to go faster
+    RANDOM = 2  # any, anew at each attempt
 
 
 class Position(enum.IntEnum):
@@ -49,21 +57,25 @@ class DepartureRules(eqx.Module):
     """How the vehicles of each flow of each queue depart.
 
     Attributes:
-        has_random_lane: whether the lane is any of those that serve, instead of that with most room.
+        lane: on which of the lanes that serve; see `Lane`.
         position: where; see `Position`.
         position_m: the number, for those at one.
         speed: how fast; see `Speed`.
         speed_mps: the number, for those with one.
         subject: how the subject vehicle departs.
+        has_random_lanes: whether any lane is random.
+        has_probable_lanes: whether any is the probable one.
         positions: all ways that occur.
         speeds: the same for speeds.
     """
 
-    has_random_lane: Bool[Array, " queue"]
+    lane: Int[Array, " queue"]
     position: Int[Array, "queue flow"]
     position_m: Float[Array, "queue flow"]
     speed: Int[Array, "queue flow"]
     speed_mps: Float[Array, "queue flow"]
     subject: Departure
+    has_random_lanes: bool = eqx.field(static=True)
+    has_probable_lanes: bool = eqx.field(static=True)
     positions: tuple[Position, ...] = eqx.field(static=True)
     speeds: tuple[Speed, ...] = eqx.field(static=True)

@@ -13,15 +13,16 @@ a lane per decision; gaps between vehicles further on are not sought for departP
 from collections.abc import Sequence
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from surrogate.effects.apply import true_newcomers
 from surrogate.effects.base import Newcomers
 from surrogate.effects.settings import Effects
-from surrogate.inflow.departure import ADAPTS, DepartureRules, Position, Speed
+from surrogate.inflow.departure import ADAPTS, DepartureRules, Lane, Position, Speed
 from surrogate.inflow.inflow import ENTRANCE_STRIDE, Inflow, Queues, SubjectPlan, subject_identity
-from surrogate.inflow.newcomers import SMALLEST_GAP_M, Entrants, choose_lanes, new_vehicles, speed_factors
+from surrogate.inflow.newcomers import SMALLEST_GAP_M, Entrants, new_vehicles, speed_factors
 from surrogate.keyed_random import Purpose, uniform
 from surrogate.road.neighbours import entry_ahead
 from surrogate.road.road import Road
@@ -91,17 +92,30 @@ def entrants_by_rule(
     lane_last = entry_ahead(start_m, lane_row, vehicles.position_m, state.head)
     lane_last_m = take(vehicles.position_m, lane_last)
     is_occupied = (take(vehicles.vehicle_class, lane_last) >= 0) & (lane_last_m <= end_m)
-    preference = jnp.where(is_occupied, lane_last_m, end_m) - start_m
-    any_lane = uniform(seed, identity[:, :1] + jnp.arange(is_subject.shape[1]), state.step, Purpose.DEPART_LANE)
-    preference = jnp.where(rules.has_random_lane[:, None], any_lane, preference)
-    lane, is_served = choose_lanes(preference, inflow, destination)
+    room_m = jnp.where(is_occupied, lane_last_m, end_m) - start_m
+    lane_limit = take(road.speed_limit_mps.reshape(-1), lane_row * road.num_segments + road.segment_at(start_m))
+    top = select_by_class([c.max_speed_mps for c in classes], vehicle_class)
+    serves = inflow.serves[jnp.arange(room_m.shape[0])[:, None], destination] & (inflow.lane_row >= 0)[:, None]
+    preference = jnp.broadcast_to(room_m[:, None], serves.shape)
+    if rules.has_random_lanes:
+        keys = identity[..., None] * KEYS_PER_STEP + jnp.arange(room_m.shape[1])
+        any_lane = uniform(seed, keys, state.step, Purpose.DEPART_LANE)
+        preference = jnp.where((rules.lane == Lane.RANDOM)[:, None, None], any_lane, preference)
+    if rules.has_probable_lanes:
+        last_class = take(vehicles.vehicle_class, lane_last)
+        last_top = select_by_class([c.max_speed_mps for c in classes], last_class)
+        last_wants = jnp.minimum(take(vehicles.speed_factor, lane_last) * lane_limit, last_top)
+        last_wants = jnp.where(is_occupied, last_wants, 0.0)
+        wants = jnp.minimum(speed_factor * lane_limit[:, :1], top)
+        is_passed = _wants_less_than_someone_right(wants, last_wants, serves)
+        preference = jnp.where((rules.lane == Lane.PROBABLE)[:, None, None] & is_passed, -jnp.inf, preference)
+    lane, is_served = _lanes_in_turn(jnp.where(serves, preference, -jnp.inf))
     row = jnp.take_along_axis(lane_row, lane, axis=1)
     last = jnp.take_along_axis(lane_last, lane, axis=1)
     is_occupied = jnp.take_along_axis(is_occupied, lane, axis=1)
 
     # how fast, if nobody minds
-    limit = take(road.speed_limit_mps.reshape(-1), row * road.num_segments + road.segment_at(start_m))
-    top = select_by_class([c.max_speed_mps for c in classes], vehicle_class)
+    limit = jnp.take_along_axis(lane_limit, lane, axis=1)
     if Speed.GIVEN in rules.speeds:  # SUMO has such a driver want to go as fast as he comes
         is_given = ways.speed == Speed.GIVEN
         speed_factor = jnp.where(is_given, jnp.maximum(speed_factor, ways.speed_mps / limit), speed_factor)
@@ -110,6 +124,7 @@ def entrants_by_rule(
     speed = _wanted_speed(rules.speeds, ways, desired, limit, speed_factor, on_lane, seed, identity, state.step)
     adapts = jnp.isin(ways.speed, jnp.asarray(ADAPTS))
     adapts |= ~is_occupied & jnp.isin(ways.speed, jnp.asarray((Speed.AVERAGE, Speed.LAST)))
+    adapts |= ways.position == Position.FREE
 
     # where and when: at each step since the last decision, the first first
     model = CarFollowingMix(tuple(c.car_following for c in classes), vehicle_class)
@@ -133,12 +148,41 @@ def entrants_by_rule(
     enters = _in_turn(enters & _is_first_on_lane(row, enters, asking.since_s))
     position, speed, ago_s = of_chosen(position), of_chosen(checked), of_chosen(ago_s)
     ahead = entry_ahead(position, row, vehicles.position_m, state.head)
-    position, speed = _moved_on(state, classes, model, ahead, position, speed, ago_s, desired, step_s)
+    position, speed = _moved_on(state, classes, model, ahead, position, speed, ago_s, desired, num_steps, step_s)
     newcomers = new_vehicles(
         position, speed, row, vehicle_class, destination, identity, speed_factor, limit,
         vehicles.track.shape[1:], seed, effects,
     )  # fmt: skip
     return Entrants(newcomers, ahead, enters, asking.rank, is_subject)
+
+
+def _wants_less_than_someone_right(
+    wants: Candidate, last_wants: Float[Array, "entrance lane"], serves: Bool[Array, "entrance rank lane"]
+) -> Bool[Array, "entrance rank lane"]:
+    """Return on which lanes a vehicle would be slower than the last one on a lane further right wants to be.
+
+    Source: `MSEdge::getProbableLane`, SUMO 1.28: such lanes are not for him with departLane "best_prob".
+    """
+    others = jnp.where(serves, last_wants[:, None], 0.0)
+    highest = jax.lax.cummax(others, axis=2)
+    further_right = jnp.concatenate([jnp.zeros_like(highest[..., :1]), highest[..., :-1]], axis=2)
+    return wants[..., None] < further_right
+
+
+def _lanes_in_turn(
+    preference: Float[Array, "entrance rank lane"],
+) -> tuple[Int[Array, "entrance rank"], Bool[Array, "entrance rank"]]:
+    """Return the lane that each in a queue likes best of those left, and whether any was; ties go to the right."""
+    lanes, served = [], []
+    is_taken = jnp.zeros_like(preference[:, 0], bool)
+    for rank in range(preference.shape[1]):
+        own = jnp.where(is_taken, -jnp.inf, preference[:, rank])
+        lane = jnp.argmax(own, axis=1).astype(jnp.int32)
+        is_served = jnp.max(own, axis=1) > -jnp.inf
+        is_taken |= (jnp.arange(own.shape[1]) == lane[:, None]) & is_served[:, None]
+        lanes.append(lane)
+        served.append(is_served)
+    return jnp.stack(lanes, axis=1), jnp.stack(served, axis=1)
 
 
 def _who_asks(
@@ -375,22 +419,30 @@ def _moved_on(
     speed: Candidate,
     ago_s: Candidate,
     desired: Candidate,
+    num_steps: int,
     step_s: float,
 ) -> tuple[Candidate, Candidate]:
     """Return where the candidates are and how fast, if they have followed their leader since they entered."""
-    ahead_class, ahead_m, ahead_mps = _then(state.vehicles, ahead, ago_s)
-    has_leader = ahead_class >= 0
     lengths = [c.length_m for c in classes]
-    situation = FollowingSituation(
-        speed_mps=speed,
-        gap_m=jnp.where(has_leader, ahead_m - select_by_class(lengths, ahead_class) - position, jnp.inf),
-        leader_speed_mps=jnp.where(has_leader, ahead_mps, 0.0),
-        leader_acceleration_mps2=jnp.zeros_like(speed),
-        acceleration_mps2=jnp.zeros_like(speed),
-        desired_speed_mps=desired,
-        uniform=jnp.full_like(speed, 0.5),
-    )
     highest, lowest = model.field("max_acceleration_mps2"), -model.field("emergency_deceleration_mps2")
-    acceleration = jnp.clip(model.acceleration(situation, step_s), lowest, highest)
-    later = jnp.clip(speed + acceleration * ago_s, 0.0, jnp.maximum(desired, speed))
-    return position + 0.5 * (speed + later) * ago_s, later
+
+    def step(number: Int[Array, ""], now: tuple[Candidate, Candidate]) -> tuple[Candidate, Candidate]:
+        position, speed = now
+        left_s = (num_steps - 1 - number) * step_s
+        ahead_class, ahead_m, ahead_mps = _then(state.vehicles, ahead, jnp.full_like(speed, left_s))
+        has_leader = ahead_class >= 0
+        situation = FollowingSituation(
+            speed_mps=speed,
+            gap_m=jnp.where(has_leader, ahead_m - select_by_class(lengths, ahead_class) - position, jnp.inf),
+            leader_speed_mps=jnp.where(has_leader, ahead_mps, 0.0),
+            leader_acceleration_mps2=jnp.zeros_like(speed),
+            acceleration_mps2=jnp.zeros_like(speed),
+            desired_speed_mps=desired,
+            uniform=jnp.full_like(speed, 0.5),
+        )
+        acceleration = jnp.clip(model.acceleration(situation, step_s), lowest, highest)
+        later = jnp.clip(speed + acceleration * step_s, 0.0, jnp.maximum(desired, speed))
+        is_there = ago_s > left_s - 0.5 * step_s
+        return jnp.where(is_there, position + later * step_s, position), jnp.where(is_there, later, speed)
+
+    return jax.lax.fori_loop(0, num_steps - 1, step, (position, speed))
