@@ -22,7 +22,7 @@ from surrogate.effects.base import Newcomers
 from surrogate.effects.settings import Effects
 from surrogate.inflow.departure import ADAPTS, DepartureRules, Lane, Position, Speed
 from surrogate.inflow.inflow import ENTRANCE_STRIDE, Inflow, Queues, SubjectPlan, subject_identity
-from surrogate.inflow.newcomers import SMALLEST_GAP_M, Entrants, new_vehicles, speed_factors
+from surrogate.inflow.newcomers import NOBODY_WAITS, SMALLEST_GAP_M, Entrants, new_vehicles, speed_factors
 from surrogate.keyed_random import Purpose, uniform
 from surrogate.road.neighbours import entry_ahead
 from surrogate.road.road import Road
@@ -32,24 +32,34 @@ from surrogate.vehicle.vehicle_class import CarFollowingMix, VehicleClass, selec
 from surrogate.xla.gather import take
 
 RANDOM_PLACES = 10  # that SUMO tries for "random_free"
+WAITING_SLOTS = 8  # of those who wait for the same lanes, so many may be overtaken by who wants another
 KEYS_PER_STEP = 64  # of random numbers of a vehicle that waits
 Candidate = Float[Array, "entrance lane"]
 Attempt = Float[Array, "entrance lane attempt"]
 
 
 class _Asking(NamedTuple):
-    """Those at the front of each queue, in their order."""
+    """Those at the front of each queue who may ask for a lane, by how long they have waited.
 
-    is_waiting: Bool[Array, "entrance lane"]
-    is_subject: Bool[Array, "entrance lane"]
-    rank: Int[Array, "entrance lane"]
-    identity: Int[Array, "entrance lane"]
-    flow: Int[Array, "entrance lane"]
-    since_s: Candidate
+    Attributes:
+        is_there: whether there is one.
+        is_subject: whether it is the subject vehicle.
+        slot: its place in the list of those who wait; behind its end for the subject vehicle.
+        identity: who it is.
+        flow: flow that it is of.
+        since_s: since when it has waited.
+    """
+
+    is_there: Bool[Array, "entrance asking"]
+    is_subject: Bool[Array, "entrance asking"]
+    slot: Int[Array, "entrance asking"]
+    identity: Int[Array, "entrance asking"]
+    flow: Int[Array, "entrance asking"]
+    since_s: Float[Array, "entrance asking"]
 
 
 class _Ways(NamedTuple):
-    """How each of them departs."""
+    """How each candidate departs."""
 
     position: Int[Array, "entrance lane"]
     position_m: Candidate
@@ -69,59 +79,71 @@ def entrants_by_rule(
     step_s: float,
     effects: Effects | None = None,
     num_steps: int = 1,
+    subject_first: bool = False,
 ) -> Entrants:
-    """Return who may enter now; as `entering.entrants`, with `num_steps` since the last decision."""
+    """Return who may enter now: for each lane the first of those in a queue who want it.
+
+    As `entering.entrants`, but for:
+
+    Args:
+        state: the state.
+        queues: the queues now.
+        road: geometry.
+        inflow: where vehicles enter, with a timetable and rules.
+        classes: vehicle classes.
+        subject: when and where the subject vehicle enters.
+        seed: seed of the run.
+        now_s: time.
+        step_s: car-following step.
+        effects: what the baseline lacks; None for the baseline.
+        num_steps: steps since the last decision.
+        subject_first: whether nobody enters before the subject vehicle, as where that repeats its log.
+    """
     rules, vehicles = inflow.rules, state.vehicles
     assert rules is not None
-    asking = _who_asks(state, queues, inflow, subject, now_s)
-    is_subject, identity = asking.is_subject, asking.identity
-    vehicle_class = jnp.take_along_axis(inflow.flow_class, asking.flow, axis=1)
-    vehicle_class = jnp.where(is_subject, subject.vehicle_class, vehicle_class)
-    destination = jnp.take_along_axis(inflow.flow_destination, asking.flow, axis=1)
-    destination = jnp.where(is_subject, subject.destination, destination)
-    speed_factor = speed_factors(classes, vehicle_class, seed, identity)
+    waiting, everybody = _who_asks(state, queues, inflow, subject, now_s, subject_first)
+    vehicle_class = jnp.take_along_axis(inflow.flow_class, everybody.flow, axis=1)
+    vehicle_class = jnp.where(everybody.is_subject, subject.vehicle_class, vehicle_class)
+    destination = jnp.take_along_axis(inflow.flow_destination, everybody.flow, axis=1)
+    destination = jnp.where(everybody.is_subject, subject.destination, destination)
+    speed_factor = speed_factors(classes, vehicle_class, seed, everybody.identity)
     if effects is not None:
-        true = true_newcomers(effects, Newcomers(identity, vehicle_class, speed_factor, is_subject), classes, seed)
+        newcomers = Newcomers(everybody.identity, vehicle_class, speed_factor, everybody.is_subject)
+        true = true_newcomers(effects, newcomers, classes, seed)
         vehicle_class, speed_factor = true.vehicle_class, true.speed_factor
+
+    # who on which lane
+    row = jnp.maximum(inflow.lane_row, 0)
+    start_m, end_m = (jnp.broadcast_to(edge_m[:, None], row.shape) for edge_m in (inflow.start_m, inflow.end_m))
+    last = entry_ahead(start_m, row, vehicles.position_m, state.head)
+    last_m = take(vehicles.position_m, last)
+    is_occupied = (take(vehicles.vehicle_class, last) >= 0) & (last_m <= end_m)
+    limit = take(road.speed_limit_mps.reshape(-1), row * road.num_segments + road.segment_at(start_m))
+    on_lane = _OnLane(vehicles, row, start_m, end_m, limit, is_occupied, last)
+    preference = _preferences(on_lane, inflow, rules, classes, everybody, vehicle_class, destination, speed_factor)
+    if rules.has_random_lanes:
+        keys = everybody.identity[..., None] * KEYS_PER_STEP + jnp.arange(row.shape[1])
+        any_lane = uniform(seed, keys, state.step, Purpose.DEPART_LANE)
+        is_any = (rules.lane == Lane.RANDOM)[:, None, None] & (preference > -jnp.inf)
+        preference = jnp.where(is_any, any_lane, preference)
+    chosen = _first_of_each_lane(preference)
+
+    def of(values: Array) -> Array:
+        return jnp.take_along_axis(values, jnp.maximum(chosen, 0), axis=1)
+
+    asking = _Asking(*map(of, everybody))
+    is_waiting = asking.is_there & (chosen >= 0)
+    is_subject = asking.is_subject & is_waiting
+    vehicle_class, destination, speed_factor = of(vehicle_class), of(destination), of(speed_factor)
     ways = _ways_of(rules, asking)
 
-    # on which lane
-    start_m = jnp.broadcast_to(inflow.start_m[:, None], is_subject.shape)
-    end_m = jnp.broadcast_to(inflow.end_m[:, None], is_subject.shape)
-    lane_row = jnp.maximum(inflow.lane_row, 0)
-    lane_last = entry_ahead(start_m, lane_row, vehicles.position_m, state.head)
-    lane_last_m = take(vehicles.position_m, lane_last)
-    is_occupied = (take(vehicles.vehicle_class, lane_last) >= 0) & (lane_last_m <= end_m)
-    room_m = jnp.where(is_occupied, lane_last_m, end_m) - start_m
-    lane_limit = take(road.speed_limit_mps.reshape(-1), lane_row * road.num_segments + road.segment_at(start_m))
-    top = select_by_class([c.max_speed_mps for c in classes], vehicle_class)
-    serves = inflow.serves[jnp.arange(room_m.shape[0])[:, None], destination] & (inflow.lane_row >= 0)[:, None]
-    preference = jnp.broadcast_to(room_m[:, None], serves.shape)
-    if rules.has_random_lanes:
-        keys = identity[..., None] * KEYS_PER_STEP + jnp.arange(room_m.shape[1])
-        any_lane = uniform(seed, keys, state.step, Purpose.DEPART_LANE)
-        preference = jnp.where((rules.lane == Lane.RANDOM)[:, None, None], any_lane, preference)
-    if rules.has_probable_lanes:
-        last_class = take(vehicles.vehicle_class, lane_last)
-        last_top = select_by_class([c.max_speed_mps for c in classes], last_class)
-        last_wants = jnp.minimum(take(vehicles.speed_factor, lane_last) * lane_limit, last_top)
-        last_wants = jnp.where(is_occupied, last_wants, 0.0)
-        wants = jnp.minimum(speed_factor * lane_limit[:, :1], top)
-        is_passed = _wants_less_than_someone_right(wants, last_wants, serves)
-        preference = jnp.where((rules.lane == Lane.PROBABLE)[:, None, None] & is_passed, -jnp.inf, preference)
-    lane, is_served = _lanes_in_turn(jnp.where(serves, preference, -jnp.inf))
-    row = jnp.take_along_axis(lane_row, lane, axis=1)
-    last = jnp.take_along_axis(lane_last, lane, axis=1)
-    is_occupied = jnp.take_along_axis(is_occupied, lane, axis=1)
-
     # how fast, if nobody minds
-    limit = jnp.take_along_axis(lane_limit, lane, axis=1)
+    top = select_by_class([c.max_speed_mps for c in classes], vehicle_class)
     if Speed.GIVEN in rules.speeds:  # SUMO has such a driver want to go as fast as he comes
         is_given = ways.speed == Speed.GIVEN
         speed_factor = jnp.where(is_given, jnp.maximum(speed_factor, ways.speed_mps / limit), speed_factor)
     desired = jnp.minimum(speed_factor * limit, top)
-    on_lane = _OnLane(vehicles, row, start_m, end_m, is_occupied, last)
-    speed = _wanted_speed(rules.speeds, ways, desired, limit, speed_factor, on_lane, seed, identity, state.step)
+    speed = _wanted_speed(rules.speeds, ways, desired, speed_factor, on_lane, seed, asking.identity, state.step)
     adapts = jnp.isin(ways.speed, jnp.asarray(ADAPTS))
     adapts |= ~is_occupied & jnp.isin(ways.speed, jnp.asarray((Speed.AVERAGE, Speed.LAST)))
     adapts |= ways.position == Position.FREE
@@ -131,34 +153,154 @@ def entrants_by_rule(
     length = select_by_class([c.length_m for c in classes], vehicle_class)
     behind_last_m = _behind_last(on_lane, classes, model, speed, step_s)
     position, ago_s, is_tried = _attempts(
-        rules.positions, ways, start_m, end_m, length, behind_last_m, seed, identity, state.step, num_steps, step_s
-    )
+        rules.positions, ways, start_m, end_m, length, behind_last_m, seed, asking.identity, state.step, num_steps,
+        step_s,
+    )  # fmt: skip
     is_tried &= (now_s - ago_s > asking.since_s[:, :, None] - step_s) | (ago_s == 0.0)
     checked, fits = _checked_speed(
         state, classes, vehicle_class, row, position, ago_s, speed, adapts, desired, length, step_s
     )
     fits &= is_tried
-    chosen = jnp.argmax(fits, axis=2, keepdims=True)
+    attempt = jnp.argmax(fits, axis=2, keepdims=True)
 
-    def of_chosen(values: Attempt) -> Candidate:
-        return jnp.take_along_axis(values, chosen, axis=2)[:, :, 0]
+    def of_attempt(values: Attempt) -> Candidate:
+        return jnp.take_along_axis(values, attempt, axis=2)[:, :, 0]
 
-    enters = asking.is_waiting & is_served & jnp.any(fits, axis=2)
-    enters = _in_turn(enters)
-    enters = _in_turn(enters & _is_first_on_lane(row, enters, asking.since_s))
-    position, speed, ago_s = of_chosen(position), of_chosen(checked), of_chosen(ago_s)
+    enters = is_waiting & jnp.any(fits, axis=2)
+    enters &= _is_first_on_lane(row, enters, asking.since_s)
+    position, speed, ago_s = of_attempt(position), of_attempt(checked), of_attempt(ago_s)
     ahead = entry_ahead(position, row, vehicles.position_m, state.head)
     position, speed = _moved_on(state, classes, model, ahead, position, speed, ago_s, desired, num_steps, step_s)
     newcomers = new_vehicles(
-        position, speed, row, vehicle_class, destination, identity, speed_factor, limit,
+        position, speed, row, vehicle_class, destination, asking.identity, speed_factor, limit,
         vehicles.track.shape[1:], seed, effects,
     )  # fmt: skip
-    return Entrants(newcomers, ahead, enters, asking.rank, is_subject)
+    each = (row.size, 1)  # nobody waits for one who wants another lane
+    return Entrants(
+        newcomers, ahead.reshape(each), enters.reshape(each), jnp.zeros(each, jnp.int32), is_subject.reshape(each),
+        waiting, asking.slot,
+    )  # fmt: skip
+
+
+def still_waiting(
+    candidates: Entrants, has_entered: Bool[Array, "candidate one"]
+) -> Int[Array, "entrance slot"] | None:
+    """Return who waits after some have entered; None where queues need no list."""
+    if candidates.waiting is None or candidates.slot is None:
+        return None
+    waiting, slot = candidates.waiting, candidates.slot
+    slots = jnp.arange(waiting.shape[1])
+    left = (slot[..., None] == slots) & has_entered.reshape(slot.shape)[..., None]
+    waiting = jnp.where(jnp.any(left, axis=1), NOBODY_WAITS, waiting)
+    in_front = jnp.argsort(waiting == NOBODY_WAITS, axis=1, stable=True)
+    return jnp.take_along_axis(waiting, in_front, axis=1)
+
+
+def _who_asks(
+    state: TrafficState,
+    queues: Queues,
+    inflow: Inflow,
+    subject: SubjectPlan,
+    now_s: Float[Array, ""],
+    subject_first: bool,
+) -> tuple[Int[Array, "entrance slot"], _Asking]:
+    """Return the list of those who wait at the front of each queue, and with the subject vehicle who may ask."""
+    table, waiting = inflow.timetable, state.waiting
+    assert table is not None
+    assert waiting is not None
+    num_entrances, num_slots = waiting.shape
+    num_waiting = jnp.sum(waiting != NOBODY_WAITS, axis=1, dtype=jnp.int32)
+    slot = jnp.arange(num_slots, dtype=jnp.int32)
+    next_arrival = (state.num_inserted + num_waiting)[:, None] + slot - num_waiting[:, None]
+    comes = (slot >= num_waiting[:, None]) & (next_arrival < queues.num_arrived[:, None])
+    waiting = jnp.where(comes, next_arrival, waiting)
+    num_taken = state.num_inserted + jnp.sum(waiting != NOBODY_WAITS, axis=1, dtype=jnp.int32)
+
+    waits, which = subject.waiting(state.subject_inserted, now_s)
+    depart_s = subject.depart_s[which] if subject.num_subjects else subject.depart_s
+    if not subject_first:
+        waits &= table.num_until(subject.entrance, depart_s) <= num_taken[subject.entrance]
+    is_own_queue = jnp.arange(num_entrances, dtype=jnp.int32) == subject.entrance
+
+    arrival = jnp.clip(waiting, 0, table.time_s.shape[1] - 1)
+    place = jnp.take_along_axis(table.place, arrival, axis=1)
+    entrance = jnp.arange(num_entrances, dtype=jnp.int32)[:, None]
+    own_identity = jnp.broadcast_to(subject_identity(num_entrances) + which, (num_entrances, 1))
+
+    def with_subject(others: Array, own: Array) -> Array:
+        return jnp.concatenate([others, jnp.broadcast_to(own, (num_entrances, 1)).astype(others.dtype)], axis=1)
+
+    is_there = with_subject(waiting != NOBODY_WAITS, (is_own_queue & waits)[:, None])
+    since_s = with_subject(
+        jnp.take_along_axis(table.time_s, arrival, axis=1), jnp.asarray(-jnp.inf) if subject_first else depart_s
+    )
+    asking = _Asking(
+        is_there=is_there,
+        is_subject=with_subject(jnp.zeros(waiting.shape, bool), is_own_queue[:, None]),
+        slot=with_subject(jnp.broadcast_to(slot, waiting.shape), jnp.asarray(num_slots)),
+        identity=with_subject(entrance * ENTRANCE_STRIDE + place, own_identity),
+        flow=with_subject(jnp.take_along_axis(table.flow, place, axis=1), jnp.asarray(0)),
+        since_s=since_s,
+    )
+    in_turn = jnp.argsort(jnp.where(is_there, since_s, jnp.inf), axis=1, stable=True)
+    return waiting, _Asking(*(jnp.take_along_axis(values, in_turn, axis=1) for values in asking))
+
+
+class _OnLane(NamedTuple):
+    """Who is on each lane."""
+
+    vehicles: VehicleArrays
+    row: Int[Array, "entrance lane"]
+    start_m: Candidate
+    end_m: Candidate
+    limit_mps: Candidate
+    is_occupied: Bool[Array, "entrance lane"]
+    last: Int[Array, "entrance lane"]
+
+    def room_m(self) -> Candidate:
+        """Return how far the last vehicle is from the lane's begin."""
+        last_m = take(self.vehicles.position_m, self.last)
+        return jnp.where(self.is_occupied, last_m, self.end_m) - self.start_m
+
+    def mean_mps(self) -> Candidate:
+        """Return the mean speed of the vehicles on the lane; 0 where there are none."""
+        position_m = self.vehicles.position_m
+        is_there = (self.vehicles.row == self.row[..., None]) & self.vehicles.is_vehicle
+        is_there &= (position_m > self.start_m[..., None]) & (position_m <= self.end_m[..., None])
+        total = jnp.sum(jnp.where(is_there, self.vehicles.speed_mps, 0.0), axis=-1)
+        return total / jnp.maximum(jnp.sum(is_there, axis=-1), 1)
+
+
+def _preferences(
+    on_lane: _OnLane,
+    inflow: Inflow,
+    rules: DepartureRules,
+    classes: tuple[VehicleClass, ...],
+    asking: _Asking,
+    vehicle_class: Int[Array, "entrance asking"],
+    destination: Int[Array, "entrance asking"],
+    speed_factor: Float[Array, "entrance asking"],
+) -> Float[Array, "entrance asking lane"]:
+    """Return how much each likes each lane; -inf where he may not enter it, or is not there."""
+    num_entrances = inflow.lane_row.shape[0]
+    serves = inflow.serves[jnp.arange(num_entrances)[:, None], destination] & (inflow.lane_row >= 0)[:, None]
+    serves &= asking.is_there[..., None]
+    if rules.has_probable_lanes:
+        tops, vehicles, limit = [c.max_speed_mps for c in classes], on_lane.vehicles, on_lane.limit_mps
+        last_top = select_by_class(tops, take(vehicles.vehicle_class, on_lane.last))
+        last_wants = jnp.minimum(take(vehicles.speed_factor, on_lane.last) * limit, last_top)
+        last_wants = jnp.where(on_lane.is_occupied, last_wants, 0.0)
+        wants = jnp.minimum(speed_factor * limit[:, :1], select_by_class(tops, vehicle_class))
+        is_too_slow = _wants_less_than_someone_right(wants, last_wants, serves)
+        serves &= ~(is_too_slow & (rules.lane == Lane.PROBABLE)[:, None, None])
+    return jnp.where(serves, on_lane.room_m()[:, None], -jnp.inf)
 
 
 def _wants_less_than_someone_right(
-    wants: Candidate, last_wants: Float[Array, "entrance lane"], serves: Bool[Array, "entrance rank lane"]
-) -> Bool[Array, "entrance rank lane"]:
+    wants: Float[Array, "entrance asking"],
+    last_wants: Float[Array, "entrance lane"],
+    serves: Bool[Array, "entrance asking lane"],
+) -> Bool[Array, "entrance asking lane"]:
     """Return on which lanes a vehicle would be slower than the last one on a lane further right wants to be.
 
     Source: `MSEdge::getProbableLane`, SUMO 1.28: such lanes are not for him with departLane "best_prob".
@@ -169,45 +311,18 @@ def _wants_less_than_someone_right(
     return wants[..., None] < further_right
 
 
-def _lanes_in_turn(
-    preference: Float[Array, "entrance rank lane"],
-) -> tuple[Int[Array, "entrance rank"], Bool[Array, "entrance rank"]]:
-    """Return the lane that each in a queue likes best of those left, and whether any was; ties go to the right."""
-    lanes, served = [], []
-    is_taken = jnp.zeros_like(preference[:, 0], bool)
-    for rank in range(preference.shape[1]):
-        own = jnp.where(is_taken, -jnp.inf, preference[:, rank])
-        lane = jnp.argmax(own, axis=1).astype(jnp.int32)
-        is_served = jnp.max(own, axis=1) > -jnp.inf
-        is_taken |= (jnp.arange(own.shape[1]) == lane[:, None]) & is_served[:, None]
-        lanes.append(lane)
-        served.append(is_served)
-    return jnp.stack(lanes, axis=1), jnp.stack(served, axis=1)
+def _first_of_each_lane(preference: Float[Array, "entrance asking lane"]) -> Int[Array, "entrance lane"]:
+    """Return who takes each lane, -1 where nobody does, if each in turn takes what he likes best of what is left.
 
-
-def _who_asks(
-    state: TrafficState, queues: Queues, inflow: Inflow, subject: SubjectPlan, now_s: Float[Array, ""]
-) -> _Asking:
-    """Return the first of each queue, the subject vehicle among them when those before it have entered."""
-    table = inflow.timetable
-    assert table is not None
-    num_entrances, num_lanes = inflow.lane_row.shape
-    rank = jnp.broadcast_to(jnp.arange(num_lanes, dtype=jnp.int32), (num_entrances, num_lanes))
-    waits, which = subject.waiting(state.subject_inserted, now_s)
-    depart_s = subject.depart_s[which] if subject.num_subjects else subject.depart_s
-    num_before = table.num_until(subject.entrance, depart_s)
-    own_rank = jnp.maximum(num_before - state.num_inserted[subject.entrance], 0)
-    is_own_queue = (jnp.arange(num_entrances) == subject.entrance)[:, None] & waits
-    is_subject = is_own_queue & (rank == own_rank)
-    arrival = state.num_inserted[:, None] + rank - (is_own_queue & (rank > own_rank))
-    is_waiting = (arrival < queues.num_arrived[:, None]) | is_subject
-    arrival = jnp.minimum(arrival, table.time_s.shape[1] - 1)
-    place = jnp.take_along_axis(table.place, arrival, axis=1)
-    entrance = jnp.arange(num_entrances, dtype=jnp.int32)[:, None]
-    identity = jnp.where(is_subject, subject_identity(num_entrances) + which, entrance * ENTRANCE_STRIDE + place)
-    since_s = jnp.where(is_subject, depart_s, jnp.take_along_axis(table.time_s, arrival, axis=1))
-    flow = jnp.take_along_axis(table.flow, place, axis=1)
-    return _Asking(is_waiting, is_subject, rank, identity, flow, since_s)
+    Ties go to the right, as in SUMO. Nobody waits for one who wants another lane (`MSEdge::insertVehicle`).
+    """
+    chosen = jnp.full(preference[:, 0].shape, -1, jnp.int32)
+    lanes = jnp.arange(preference.shape[2])
+    for number in range(preference.shape[1]):
+        own = jnp.where(chosen < 0, preference[:, number], -jnp.inf)
+        takes = (lanes == jnp.argmax(own, axis=1)[:, None]) & (own > -jnp.inf)
+        chosen = jnp.where(takes, number, chosen)
+    return chosen
 
 
 def _ways_of(rules: DepartureRules, asking: _Asking) -> _Ways:
@@ -221,30 +336,10 @@ def _ways_of(rules: DepartureRules, asking: _Asking) -> _Ways:
     )  # fmt: skip
 
 
-class _OnLane(NamedTuple):
-    """Who is on the lane that each candidate would enter."""
-
-    vehicles: VehicleArrays
-    row: Int[Array, "entrance lane"]
-    start_m: Candidate
-    end_m: Candidate
-    is_occupied: Bool[Array, "entrance lane"]
-    last: Int[Array, "entrance lane"]
-
-    def mean_mps(self) -> Candidate:
-        """Return the mean speed of the vehicles on the lane; 0 where there are none."""
-        position_m = self.vehicles.position_m
-        is_there = (self.vehicles.row == self.row[..., None]) & self.vehicles.is_vehicle
-        is_there &= (position_m > self.start_m[..., None]) & (position_m <= self.end_m[..., None])
-        total = jnp.sum(jnp.where(is_there, self.vehicles.speed_mps, 0.0), axis=-1)
-        return total / jnp.maximum(jnp.sum(is_there, axis=-1), 1)
-
-
 def _wanted_speed(
     occurring: Sequence[Speed],
     ways: _Ways,
     desired: Candidate,
-    limit: Candidate,
     speed_factor: Candidate,
     on_lane: _OnLane,
     seed: Int[Array, ""],
@@ -258,13 +353,13 @@ def _wanted_speed(
         if one is Speed.GIVEN:
             value = ways.speed_mps
         elif one is Speed.LIMIT:
-            value = jnp.minimum(desired / speed_factor, limit)
+            value = jnp.minimum(desired / speed_factor, on_lane.limit_mps)
         elif one is Speed.RANDOM:
             value = desired * uniform(seed, identity, step, Purpose.DEPART_SPEED)
         elif one is Speed.LAST:
             value = jnp.where(on_lane.is_occupied, jnp.minimum(desired, last_mps), desired)
         elif one is Speed.AVERAGE:
-            value = jnp.minimum(desired, jnp.where(on_lane.is_occupied, on_lane.mean_mps(), limit))
+            value = jnp.minimum(desired, jnp.where(on_lane.is_occupied, on_lane.mean_mps(), on_lane.limit_mps))
         else:
             continue
         speed = jnp.where(ways.speed == one, value, speed)
@@ -390,11 +485,6 @@ def _then(
     before_mps = jnp.maximum(speed_mps - acceleration * ago_s, 0.0)
     position_m = take(vehicles.position_m, entry) - 0.5 * (speed_mps + before_mps) * ago_s
     return take(vehicles.vehicle_class, entry), position_m, before_mps
-
-
-def _in_turn(enters: Bool[Array, "entrance lane"]) -> Bool[Array, "entrance lane"]:
-    """Return who still enters where nobody overtakes in his queue."""
-    return jnp.cumsum(~enters, axis=1) == 0
 
 
 def _is_first_on_lane(

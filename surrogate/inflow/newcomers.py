@@ -15,6 +15,7 @@ from surrogate.road.traffic_state import UNSEEN, VehicleArrays
 from surrogate.vehicle.vehicle_class import VehicleClass, select_by_class
 
 SMALLEST_GAP_M = 0.1  # SUMO's POSITION_EPS
+NOBODY_WAITS = -1  # in a list of those who wait
 SPEED_FACTOR_BOUNDS = (0.2, 2.0)  # SUMO's defaults for normc
 
 
@@ -27,6 +28,9 @@ class Entrants(eqx.Module):
         enters: whether there is one and it has room.
         rank: place in the queue.
         is_subject: whether it is the subject vehicle.
+        waiting: numbers of the arrivals at the front of each queue, this decision's among them; None where nobody
+            overtakes in a queue.
+        slot: place of each candidate in that list.
     """
 
     vehicles: VehicleArrays
@@ -34,6 +38,8 @@ class Entrants(eqx.Module):
     enters: Bool[Array, "entrance lane"]
     rank: Int[Array, "entrance lane"]
     is_subject: Bool[Array, "entrance lane"]
+    waiting: Int[Array, "entrance slot"] | None = None
+    slot: Int[Array, "entrance lane"] | None = None
 
 
 def choose_lanes(

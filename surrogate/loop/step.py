@@ -12,7 +12,8 @@ from surrogate.effects.apply import decide_lanes, remember_lane_changes, road_de
 from surrogate.effects.base import Moment
 from surrogate.inflow.entering import entrants
 from surrogate.inflow.inflow import ArrivalDraws, arrive
-from surrogate.inflow.insertion import entrants_by_rule
+from surrogate.inflow.insertion import WAITING_SLOTS, entrants_by_rule, still_waiting
+from surrogate.inflow.newcomers import NOBODY_WAITS
 from surrogate.lane_change.decide import decide
 from surrogate.lane_change.manoeuvre import (
     after_reorder,
@@ -44,6 +45,7 @@ def initial_state(world: World, capacity: int, clock: Clock | None = None) -> Tr
     has_manoeuvres = clock is not None and clock.change_timing is not None
     num_rows, num_entrances = world.road.num_rows, world.inflow.num_entrances
     none = jnp.zeros((num_entrances,), jnp.int32)
+    nobody_waits = jnp.full((num_entrances, WAITING_SLOTS), NOBODY_WAITS, jnp.int32)
     vehicles = empty_vehicles(num_rows, capacity)
     if world.effects is not None:
         vehicles = with_memories(world.effects, vehicles, world.seed)
@@ -67,6 +69,7 @@ def initial_state(world: World, capacity: int, clock: Clock | None = None) -> Tr
         num_lost=jnp.zeros((), jnp.int32),
         num_lane_changes=jnp.zeros((len(Reason),), jnp.int32),
         manoeuvres=idle_manoeuvres(capacity) if has_manoeuvres else None,
+        waiting=None if world.inflow.rules is None else nobody_waits,
     )
 
 
@@ -145,14 +148,15 @@ def settle_lanes(
     if subject.num_subjects:
         _, number = subject.waiting(state.subject_inserted, now_s)
         entered_now &= jnp.arange(subject.num_subjects) == number
-    enters_as_other = order.has_entered & ~candidates.is_subject
+    enters_as_other = (order.has_entered & ~candidates.is_subject).reshape(world.inflow.num_entrances, -1)
+    num_entered = jnp.sum(enters_as_other, axis=1, dtype=jnp.int32)
     reasons = jnp.stack([jnp.sum(order.has_moved & (decision.reason == reason), dtype=jnp.int32) for reason in Reason])
     return dataclasses.replace(
         state,
         vehicles=vehicles,
         head=order.head,
         num_arrived=queues.num_arrived,
-        num_inserted=state.num_inserted + jnp.sum(enters_as_other, axis=1, dtype=jnp.int32),
+        num_inserted=state.num_inserted + num_entered,
         next_arrival=queues.next_arrival,
         cumulated_demand=queues.cumulated_demand,
         subject_inserted=state.subject_inserted | entered_now,
@@ -160,6 +164,7 @@ def settle_lanes(
         num_lost=state.num_lost + order.num_lost,
         num_lane_changes=state.num_lane_changes + reasons,
         manoeuvres=manoeuvres,
+        waiting=still_waiting(candidates, order.has_entered),
     )
 
 

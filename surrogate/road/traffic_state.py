@@ -116,6 +116,8 @@ class TrafficState(eqx.Module):
         num_lost: vehicles that could not enter because the arrays were full, summed over decisions.
         num_lane_changes: lane changes by reason; see `lane_change.base.Reason`.
         manoeuvres: changes under way; None where they take no time.
+        waiting: numbers of the arrivals at the front of each queue, -1 behind the last; None where nobody overtakes in
+            a queue.
     """
 
     vehicles: VehicleArrays
@@ -133,6 +135,7 @@ class TrafficState(eqx.Module):
     num_lost: Int[Array, ""]
     num_lane_changes: Int[Array, " reason"]
     manoeuvres: Manoeuvres | None = None
+    waiting: Int[Array, "entrance slot"] | None = None
 
 
 def empty_vehicles(num_rows: int, capacity: int) -> VehicleArrays:
