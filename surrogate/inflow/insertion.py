@@ -32,7 +32,7 @@ from surrogate.vehicle.vehicle_class import CarFollowingMix, VehicleClass, selec
 from surrogate.xla.gather import take
 
 RANDOM_PLACES = 10  # that SUMO tries for "random_free"
-WAITING_SLOTS = 8  # of those who wait for the same lanes, so many may be overtaken by who wants another
+WAITING_SLOTS = 16  # of those who wait for the same lanes, so many may be overtaken by who wants another
 KEYS_PER_STEP = 64  # of random numbers of a vehicle that waits
 Candidate = Float[Array, "entrance lane"]
 Attempt = Float[Array, "entrance lane attempt"]
@@ -126,7 +126,7 @@ def entrants_by_rule(
         any_lane = uniform(seed, keys, state.step, Purpose.DEPART_LANE)
         is_any = (rules.lane == Lane.RANDOM)[:, None, None] & (preference > -jnp.inf)
         preference = jnp.where(is_any, any_lane, preference)
-    chosen = _first_of_each_lane(preference)
+    chosen = first_of_each_lane(preference)
 
     def of(values: Array) -> Array:
         return jnp.take_along_axis(values, jnp.maximum(chosen, 0), axis=1)
@@ -291,12 +291,12 @@ def _preferences(
         last_wants = jnp.minimum(take(vehicles.speed_factor, on_lane.last) * limit, last_top)
         last_wants = jnp.where(on_lane.is_occupied, last_wants, 0.0)
         wants = jnp.minimum(speed_factor * limit[:, :1], select_by_class(tops, vehicle_class))
-        is_too_slow = _wants_less_than_someone_right(wants, last_wants, serves)
+        is_too_slow = wants_less_than_someone_right(wants, last_wants, serves)
         serves &= ~(is_too_slow & (rules.lane == Lane.PROBABLE)[:, None, None])
     return jnp.where(serves, on_lane.room_m()[:, None], -jnp.inf)
 
 
-def _wants_less_than_someone_right(
+def wants_less_than_someone_right(
     wants: Float[Array, "entrance asking"],
     last_wants: Float[Array, "entrance lane"],
     serves: Bool[Array, "entrance asking lane"],
@@ -311,7 +311,7 @@ def _wants_less_than_someone_right(
     return wants[..., None] < further_right
 
 
-def _first_of_each_lane(preference: Float[Array, "entrance asking lane"]) -> Int[Array, "entrance lane"]:
+def first_of_each_lane(preference: Float[Array, "entrance asking lane"]) -> Int[Array, "entrance lane"]:
     """Return who takes each lane, -1 where nobody does, if each in turn takes what he likes best of what is left.
 
     Ties go to the right, as in SUMO. Nobody waits for one who wants another lane (`MSEdge::insertVehicle`).

@@ -128,7 +128,8 @@ def _times_of_flows(
     even = jnp.where(number == 0, first[:, None], 1.0)
     demand = jnp.cumsum(jnp.where(schedule.is_regular[:, None], even, gap), axis=1)
     time_s = schedule.begin_s[:, None] + demand / jnp.maximum(rate, SMALLEST_RATE_VEHPS)[:, None]
-    return jnp.where(time_s < schedule.end_s[:, None], time_s, NEVER_S)
+    comes = (time_s < schedule.end_s[:, None]) & (rate > SMALLEST_RATE_VEHPS)[:, None]
+    return jnp.where(comes, time_s, NEVER_S)
 
 
 def _times_of_vehicles(schedule: Schedule, factor: Float[Array, "queue flow"]) -> Float[Array, "single copy"]:

@@ -12,7 +12,7 @@ from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 Value = Float[Array, "..."]
 HALVINGS = 12
@@ -97,7 +97,7 @@ class CarFollowingModel(eqx.Module):
         free_m = situation.gap_m - self.jam_gap_m
         leader_mps = situation.leader_speed_mps
 
-        def fits(speed: Value) -> Value:
+        def fits(speed: Value) -> Bool[Array, "..."]:
             return self.secure_gap_m(speed, leader_mps, leader_deceleration_mps2, step_s) <= free_m
 
         wanted = situation.speed_mps
