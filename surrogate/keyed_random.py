@@ -28,6 +28,9 @@ class Purpose(enum.IntEnum):
     DISTANCE_NOISE = 11
     SPEED_NOISE = 12
     DROPOUT = 13
+    DEPART_LANE = 14
+    DEPART_POSITION = 15
+    DEPART_SPEED = 16
 
 
 def _mix(bits: UInt32[Array, "..."]) -> UInt32[Array, "..."]:

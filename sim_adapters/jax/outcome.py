@@ -5,6 +5,7 @@ import numpy as np
 
 from sim_adapters.interface import RunOutcome, RunRequest, Status
 from sim_adapters.shared_runs import departures_s
+from sim_adapters.world.world_builder import WorldTemplate
 from surrogate.loop.run_state import RunRecord
 
 # Steps of overlap allowed in all and per vehicle; SUMO goes on after a collision as well, and Wiedemann's drivers, who
@@ -13,13 +14,14 @@ COLLISION_STEPS_ALLOWED = 100
 COLLISION_STEPS_PER_VEHICLE = 1.0
 
 
-def outcome_of(request: RunRequest, record: RunRecord, wall_s: float) -> RunOutcome:
+def outcome_of(request: RunRequest, record: RunRecord, wall_s: float, template: WorldTemplate) -> RunOutcome:
     """Return the outcome of a request.
 
     Args:
         request: what was asked; of several subject vehicles, for which one.
         record: what is left of the run.
         wall_s: its computing time, or this request's share of it.
+        template: the scenario.
     """
     record = _of_subject(record, request)
     num_overlaps = int(record.num_subject_overlaps)
@@ -37,8 +39,8 @@ def outcome_of(request: RunRequest, record: RunRecord, wall_s: float) -> RunOutc
         request=request,
         status=status,
         observed=record.observed if status.is_ok else None,
-        num_arrived=np.asarray(record.num_arrived),
-        num_inserted=np.asarray(record.num_inserted),
+        num_arrived=template.of_entrances(np.asarray(record.num_arrived)),
+        num_inserted=template.of_entrances(np.asarray(record.num_inserted)),
         num_collisions=int(record.num_collisions),
         num_subject_overlaps=num_overlaps,
         num_vehicle_steps=int(record.num_vehicle_steps),

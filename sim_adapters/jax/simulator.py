@@ -176,7 +176,7 @@ class JaxSimulator:
                         record = jax.tree.map(lambda leaf, lane=lane: leaf[lane], run_states.record)
                         for number in asked[run.number]:
                             share_s = run.wall_s / len(asked[run.number])
-                            outcomes[number] = outcome_of(requests[number], record, share_s)
+                            outcomes[number] = outcome_of(requests[number], record, share_s, self._template)
                     else:
                         run.state = jax.tree.map(lambda leaf, lane=lane: leaf[lane], run_states)
                         queue.put_back(run)

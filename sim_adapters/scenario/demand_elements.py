@@ -25,9 +25,9 @@ class Departure:
         speed: departSpeed.
     """
 
-    lane: str = "first"
+    lane: str = "best_prob"  # SUMO 1.28's where nothing is said
     position: str = "base"
-    speed: str = "0"
+    speed: str = "avg"
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ def departure_of(element: ET.Element, options: Mapping[str, str]) -> Departure:
     usual = Departure()
     return Departure(
         lane=element.get("departLane", options.get("default.departlane", usual.lane)),
-        position=element.get("departPos", options.get("default.departpos", usual.position)),
+        position=element.get("departPos", usual.position),
         speed=element.get("departSpeed", options.get("default.departspeed", usual.speed)),
     )
 

@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 
 from sim_adapters.scenario.configuration import SumoConfiguration
-from sim_adapters.scenario.demand_elements import Departure
 from sim_adapters.scenario.demand_file import Demand, Flow
 from sim_adapters.scenario.finding import Finding, Level
 from sim_adapters.scenario.sumo_names import SUMO_MODELS, nearest_model
@@ -17,10 +16,20 @@ APPROXIMATED = {
     "lanechange.overtake-right": WITHOUT,
     "default.carfollowmodel": WITHOUT,
     "random-depart-offset": WITHOUT,
+    "max-depart-delay": "the surrogate has vehicles wait to enter for as long as it takes",
+    "max-num-vehicles": WITHOUT,
+    "insertion-checks": WITHOUT,
+    "emergency-insert": WITHOUT,
+    "extrapolate-departpos": WITHOUT,
     "device.rerouting.probability": WITHOUT,
     "device.driverstate.probability": WITHOUT,
 }
-FOLLOWED_DEPARTURE = Departure("best", "last", "avg")
+USUAL = {"insertion-checks": "all"}
+# Ways to depart, and what the surrogate does instead.
+APPROXIMATED_DEPARTURES = (
+    ("position", "free", "departPos 'free': the surrogate tries the edge's begin alone, not gaps further on"),
+    ("position", "random_free", "departPos 'random_free': the surrogate tries ten places and the edge's begin alone"),
+)
 LANE_CHANGE_MODELS = ("LC2013", "default")
 
 
@@ -30,7 +39,7 @@ def option_findings(configuration: SumoConfiguration) -> list[Finding]:
     return [
         Finding(Level.APPROXIMATED, file, f"option '{option}'", words)
         for option, words in APPROXIMATED.items()
-        if configuration.is_on(option)
+        if configuration.is_on(option) and configuration.processing[option] != USUAL.get(option)
     ]
 
 
@@ -55,17 +64,8 @@ def vtype_findings(demand: Demand, vtypes: Sequence[str]) -> list[Finding]:
 def flow_findings(demand: Demand, flows: Sequence[Flow]) -> list[Finding]:
     """Findings on how background vehicles come."""
     findings, file = [], demand.file.name
-    others = {flow.id: flow.departure for flow in flows if flow.departure != FOLLOWED_DEPARTURE}
-    if others:
-        name, how = next(iter(others.items()))
-        words = (
-            f"departLane '{how.lane}', departPos '{how.position}', departSpeed '{how.speed}': the surrogate knows "
-            "best, last, avg only"
-        )
-        findings.append(Finding(Level.SUMO_ALONE, file, f"flow '{name}'", words, len(others)))
-    for edge in dict.fromkeys(flow.route[0] for flow in flows):
-        windows = {(flow.begin_s, flow.end_s) for flow in flows if flow.route[0] == edge}
-        if len(windows) > 1:
-            words = f"{len(windows)} windows of time: the surrogate knows one for each entrance"
-            findings.append(Finding(Level.SUMO_ALONE, file, f"flows from edge '{edge}'", words))
+    for attribute, value, words in APPROXIMATED_DEPARTURES:
+        named = list(dict.fromkeys(flow.id for flow in flows if getattr(flow.departure, attribute) == value))
+        if named:
+            findings.append(Finding(Level.APPROXIMATED, file, f"flow '{named[0]}'", words, len(named)))
     return findings

@@ -34,6 +34,7 @@ class Scenario:
         destinations: last edges of these flows, the subject vehicle's first.
         destination_routes: for each destination the edges from the beginning of the carriageway to the end.
         flows: flows that use the subject vehicle's route; single vehicles as flows of their edge.
+        end_s: end of a run, on the scenario's clock.
         vtype_numbers: numeric attributes of vTypes as SUMO has them, defaults of their class included.
         findings: how well each part can be followed by the surrogate.
         warnings: one line for each thing that was left out.
@@ -47,6 +48,7 @@ class Scenario:
     destinations: tuple[str, ...]
     destination_routes: tuple[Route, ...]
     flows: tuple[Flow, ...]
+    end_s: float
     vtype_numbers: Vtypes = field(default_factory=dict)
     findings: tuple[Finding, ...] = ()
     warnings: tuple[str, ...] = ()
@@ -145,6 +147,7 @@ def read_scenario(
         destinations=destinations,
         destination_routes=tuple(_whole_route(network, destination, flows) for destination in destinations),
         flows=flows,
+        end_s=end_s,
         vtype_numbers=loaded.vtypes,
         warnings=tuple(warnings),
     )

@@ -3,22 +3,27 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
 from sim_adapters.errors import ScenarioError
 from sim_adapters.interface import ParameterLayout
-from sim_adapters.scenario.best_lanes import LOOK_AHEAD_M, best_lanes
+from sim_adapters.scenario.demand_file import VEHICLES
 from sim_adapters.scenario.road_builder import build_road
 from sim_adapters.scenario.scenario import Scenario
 from sim_adapters.scenario.sumo_names import vehicle_class, with_attribute
 from sim_adapters.units import SECONDS_PER_HOUR
+from sim_adapters.world.departures import BEST, lanes_of
 from sim_adapters.world.distant_vtypes import check_distant_vtypes
 from sim_adapters.world.logged_drive import LoggedDrive, logged_motion_of
+from sim_adapters.world.queues import Queue, is_plain, queues_of, rules_of, schedule_of
 from surrogate.effects.apply import NUM_CLASSES_OF_EFFECTS, classes_with_effects, true_inputs
 from surrogate.effects.settings import Effects
+from surrogate.inflow.departure import DepartureRules
 from surrogate.inflow.inflow import Inflow, SubjectPlan
+from surrogate.inflow.timetable import Schedule, Timetable, timetable
 from surrogate.loop.distant import DistantDrivers, distant_class
 from surrogate.loop.world import World
 from surrogate.road.road import Road
@@ -33,6 +38,8 @@ SMALLEST_FLOW_VEHPS = 1e-9
 @dataclass(frozen=True)
 class WorldTemplate:
     """What all worlds of one scenario share.
+
+    Where `schedule` is given, what is called an entrance here is one of the queues before it.
 
     Attributes:
         layout: meaning of parameter vectors.
@@ -56,6 +63,10 @@ class WorldTemplate:
         sensor_range_m: how far it sees ahead and behind; its planner knows no more.
         logged_drives: the drives that it repeats, if it does; put in with `dataclasses.replace`.
         distant_vtypes: vType as which each of these vTypes follows beyond the sensors' range.
+        schedule: what may arrive, where entrances know more than one window of time or ways to depart; else None.
+        rules: how vehicles depart; given with a schedule.
+        entrance_of_queue: entrance before which each queue waits; given with a schedule.
+        vehicle_scale: SUMO's factor on single vehicles.
     """
 
     layout: ParameterLayout
@@ -79,11 +90,23 @@ class WorldTemplate:
     sensor_range_m: tuple[float, float] = (150.0, 150.0)
     logged_drives: tuple[LoggedDrive, ...] = ()
     distant_vtypes: Mapping[str, str] = field(default_factory=dict)
+    schedule: Schedule | None = None
+    rules: DepartureRules | None = None
+    entrance_of_queue: np.ndarray | None = None
+    vehicle_scale: float = 1.0
 
     @property
     def can_share_runs(self) -> bool:
         """Whether several subject vehicles may drive in one run: where all vehicles follow their vTypes' models."""
         return not self.subject_model.is_controlled and not self.distant_vtypes
+
+    def of_entrances(self, counts: np.ndarray) -> np.ndarray:
+        """Return what was counted at each entrance, from what was at each queue."""
+        if self.entrance_of_queue is None:
+            return counts
+        summed = np.zeros(self.entrance_of_queue.max() + 1, counts.dtype)
+        np.add.at(summed, self.entrance_of_queue, counts)
+        return summed
 
     def base_demand_vehph(self) -> np.ndarray:
         """Return the demand of each input as the scenario has it."""
@@ -134,6 +157,8 @@ class WorldTemplate:
             flow_class=jnp.asarray(self.flow_class, jnp.int32),
             begin_s=jnp.asarray(self.window_s[:, 0], jnp.float32),
             end_s=jnp.asarray(self.window_s[:, 1], jnp.float32),
+            timetable=self._timetable(rate, scale, seed, effects),
+            rules=jax.tree.map(jnp.asarray, self.rules),
         )
         return World(
             road=self.road,
@@ -151,6 +176,15 @@ class WorldTemplate:
             driver=self._driver(depart_s, seed),
             distant=self._distant(),
         )
+
+    def _timetable(
+        self, rate_vehps: Array, scale: Array, seed: Int[Array, ""], effects: Effects | None
+    ) -> Timetable | None:
+        if self.schedule is None:
+            return None
+        schedule = jax.tree.map(jnp.asarray, self.schedule)
+        factor = scale[self.flow_input] * self.vehicle_scale
+        return timetable(schedule, rate_vehps, factor, seed, effects)
 
     def _distant(self) -> DistantDrivers | None:
         if not self.distant_vtypes:
@@ -173,7 +207,8 @@ class WorldTemplate:
             destination=self.subject_destination,
             vehicle_class=len(self.class_names) - 1 + (NUM_CLASSES_OF_EFFECTS if has_effects else 0),
         )
-        inflow = Inflow(**(shared | {"flow_share": 0}))  # pyright: ignore[reportArgumentType]
+        table = None if self.schedule is None else Timetable(0, 0, None)  # pyright: ignore[reportArgumentType]
+        inflow = Inflow(**(shared | {"flow_share": 0, "timetable": table}))  # pyright: ignore[reportArgumentType]
         effects = 0 if has_effects else None
         driver = LoggedMotion(None, None, None, None, None, log=0) if self.subject_model.name == REPLAY else None  # pyright: ignore
         return World(None, inflow, 0, 0, subject, 0, effects, driver, self._distant())  # pyright: ignore[reportArgumentType]
@@ -233,20 +268,22 @@ def build_template(
     check_distant_vtypes(scenario, distant_vtypes)
     names += distant_vtypes.values()
     names.append(scenario.demand.subject_vtype)
-    by_entrance = [[flow for flow in scenario.flows if flow.route[0] == edge] for edge in scenario.entrances]
+    queues = queues_of(scenario)
+    by_entrance = [queue.flows for queue in queues]
     most = max(1, *(len(flows) for flows in by_entrance))
-    shape = (len(scenario.entrances), most)
+    shape = (len(queues), most)
     rate, chosen_input = np.zeros(shape), np.full(shape, layout.num_inputs)
     destination, vehicle_classes = np.zeros(shape, int), np.zeros(shape, int)
     window = np.tile([0.0, 1e9], (shape[0], 1))
     for e, flows in enumerate(by_entrance):
         for f, flow in enumerate(flows):
-            rate[e, f] = flow.rate_vehps
+            rate[e, f] = 0.0 if flow.id.startswith(VEHICLES) else flow.rate_vehps
             chosen_input[e, f] = input_of.get(flow.id, layout.num_inputs)
             destination[e, f] = scenario.destinations.index(flow.route[-1])
             vehicle_classes[e, f] = names.index(flow.vtype)
             window[e] = flow.begin_s, flow.end_s
-    lane_row, serves, edge_m = _entrance_tables(scenario)
+    lane_row, serves, edge_m = _entrance_tables(scenario, queues)
+    has_schedule = not is_plain(scenario)
     return WorldTemplate(
         layout=layout,
         road=build_road(scenario.row_map, scenario.destination_routes),
@@ -268,26 +305,29 @@ def build_template(
         subject_model=subject_model,
         sensor_range_m=sensor_range_m,
         distant_vtypes=distant_vtypes,
+        schedule=schedule_of(scenario, queues) if has_schedule else None,
+        rules=rules_of(scenario, queues) if has_schedule else None,
+        entrance_of_queue=np.asarray([scenario.entrances.index(q.edge) for q in queues]) if has_schedule else None,
+        vehicle_scale=scenario.configuration.scale,
     )
 
 
-def _entrance_tables(scenario: Scenario) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return rows of the lanes, which lanes serve which destination, and begin and end of each entrance's edge."""
+def _entrance_tables(scenario: Scenario, queues: list[Queue]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return rows of the lanes, which lanes serve which destination, and begin and end of each queue's edge."""
     network = scenario.network
     most = max(network.lane_count[edge] for edge in scenario.entrances)
-    lane_row = np.full((len(scenario.entrances), most), -1)
-    serves = np.zeros((len(scenario.entrances), len(scenario.destinations), most), bool)
-    edge_m = np.zeros((len(scenario.entrances), 2))
+    lane_row = np.full((len(queues), most), -1)
+    serves = np.zeros((len(queues), len(scenario.destinations), most), bool)
+    edge_m = np.zeros((len(queues), 2))
     routes = [flow.route for flow in scenario.flows] + [scenario.demand.subject_route]
-    for e, edge in enumerate(scenario.entrances):
-        edge_m[e] = network.edge_start_m(edge), network.edge_end_m(edge)
+    for q, queue in enumerate(queues):
+        edge = queue.edge
+        edge_m[q] = network.edge_start_m(edge), network.edge_end_m(edge)
         for lane in range(network.lane_count[edge]):
-            lane_row[e, lane] = scenario.row_map.row_of_lane[(edge, lane)]
+            lane_row[q, lane] = scenario.row_map.row_of_lane[(edge, lane)]
         for d, destination in enumerate(scenario.destinations):
             route = next((r for r in routes if r[0] == edge and r[-1] == destination), None)
-            if route is None:
-                continue
-            lengths = [outlook.length_m for outlook in best_lanes(network, route)]
-            enough = min(LOOK_AHEAD_M, max(lengths)) - 1e-6
-            serves[e, d, : len(lengths)] = [length >= enough for length in lengths]
+            if route is not None:
+                lanes = lanes_of(network, route, queue.lane or BEST[0])
+                serves[q, d, : len(lanes)] = lanes
     return lane_row, serves, edge_m

@@ -74,6 +74,19 @@ class Idm(CarFollowingModel):
         del leader_deceleration_mps2, step_s
         return idm_dynamic_gap_m(self, speed_mps, leader_speed_mps)
 
+    def insertion_speed_mps(
+        self, situation: FollowingSituation, leader_deceleration_mps2: Value, step_s: float
+    ) -> Value:
+        """Return the wanted speed where its dynamic gap fits, else the speed one step later.
+
+        Source: `MSCFModel_IDM::insertionFollowSpeed`: else nobody could enter at his desired speed.
+        """
+        del leader_deceleration_mps2
+        wanted = situation.speed_mps
+        fits = idm_dynamic_gap_m(self, wanted, situation.leader_speed_mps) <= situation.gap_m - self.jam_gap_m
+        later = jnp.maximum(0.0, wanted + step_s * self.acceleration(situation, step_s))
+        return jnp.where(fits, wanted, jnp.minimum(later, wanted))
+
 
 def idm_dynamic_gap_m(model: Idm, speed_mps: Value, leader_speed_mps: Value) -> Value:
     """Return the part of the IDM's desired gap that depends on speed, floored at 0."""

@@ -5,42 +5,20 @@ Source for the rules: SUMO's departLane="best" (the lane with most room before i
 `MSEdge::getFreeLane`, `MSLane::lastInsertion`.
 """
 
-import equinox as eqx
 import jax.numpy as jnp
-from jax.scipy.special import ndtri
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float, Int
 
-from surrogate.effects.apply import true_newcomers, with_memories
+from surrogate.effects.apply import true_newcomers
 from surrogate.effects.base import Newcomers
 from surrogate.effects.settings import Effects
 from surrogate.inflow.inflow import ENTRANCE_STRIDE, Inflow, Queues, SubjectPlan, subject_identity
+from surrogate.inflow.newcomers import SMALLEST_GAP_M, Entrants, choose_lanes, new_vehicles, speed_factors
 from surrogate.keyed_random import Purpose, uniform
 from surrogate.road.neighbours import entry_ahead
 from surrogate.road.road import Road
-from surrogate.road.traffic_state import UNSEEN, TrafficState, VehicleArrays
+from surrogate.road.traffic_state import TrafficState
 from surrogate.vehicle.vehicle_class import CarFollowingMix, VehicleClass, select_by_class
 from surrogate.xla.gather import take
-
-SMALLEST_GAP_M = 0.1  # SUMO's POSITION_EPS
-SPEED_FACTOR_BOUNDS = (0.2, 2.0)  # SUMO's defaults for normc
-
-
-class Entrants(eqx.Module):
-    """Candidates to enter at one decision, one per lane of each entrance.
-
-    Attributes:
-        vehicles: the candidates.
-        entry_ahead: entry behind which each goes.
-        enters: whether there is one and it has room.
-        rank: place in the queue.
-        is_subject: whether it is the subject vehicle.
-    """
-
-    vehicles: VehicleArrays
-    entry_ahead: Int[Array, "entrance lane"]
-    enters: Bool[Array, "entrance lane"]
-    rank: Int[Array, "entrance lane"]
-    is_subject: Bool[Array, "entrance lane"]
 
 
 def entrants(
@@ -74,7 +52,7 @@ def entrants(
     vehicle_class = jnp.where(is_subject, subject.vehicle_class, vehicle_class)
     destination = jnp.take_along_axis(inflow.flow_destination, flow, axis=1)
     destination = jnp.where(is_subject, subject.destination, destination)
-    speed_factor = _speed_factor(classes, vehicle_class, seed, identity)
+    speed_factor = speed_factors(classes, vehicle_class, seed, identity)
     if effects is not None:
         true = true_newcomers(effects, Newcomers(identity, vehicle_class, speed_factor, is_subject), classes, seed)
         vehicle_class, speed_factor = true.vehicle_class, true.speed_factor
@@ -86,7 +64,7 @@ def entrants(
     lane_last_m = take(vehicles.position_m, lane_last)
     is_occupied = (take(vehicles.vehicle_class, lane_last) >= 0) & (lane_last_m <= lane_end_m)
     room_m = jnp.where(is_occupied, lane_last_m, lane_end_m) - lane_start_m
-    lane, is_served = _choose_lanes(room_m, inflow, destination)
+    lane, is_served = choose_lanes(room_m, inflow, destination)
 
     row = jnp.take_along_axis(lane_row, lane, axis=1)
     last = jnp.take_along_axis(lane_last, lane, axis=1)
@@ -111,53 +89,11 @@ def entrants(
     enters = is_waiting & is_served & (position >= start_m)
     enters = jnp.cumsum(~enters, axis=1) == 0  # nobody overtakes in the queue
 
-    zero = jnp.zeros((num_entrances * num_lanes,), jnp.float32)
-    newcomers = VehicleArrays(
-        position_m=position.reshape(-1),
-        speed_mps=speed.reshape(-1),
-        acceleration_mps2=zero,
-        row=row.reshape(-1),
-        vehicle_class=vehicle_class.reshape(-1),
-        destination=destination.reshape(-1),
-        identity=identity.reshape(-1),
-        track=jnp.full((row.size, *vehicles.track.shape[1:]), UNSEEN, jnp.int32),
-        speed_factor=speed_factor.reshape(-1),
-        gain_left_memory=zero,
-        gain_right_memory=zero,
-        keep_right_memory=zero,
-        look_ahead_speed_mps=zero,
-        own_advice_mps2=jnp.full_like(zero, jnp.inf),
-        asked_advice_mps2=jnp.full_like(zero, jnp.inf),
-        speed_limit_mps=limit.reshape(-1),
-        slow_position_m=jnp.full_like(zero, jnp.inf),
-        slow_limit_mps=limit.reshape(-1),
-        stop_position_m=jnp.full_like(zero, jnp.inf),
-    )
-    if effects is not None:
-        newcomers = with_memories(effects, newcomers, seed)
+    newcomers = new_vehicles(
+        position, speed, row, vehicle_class, destination, identity, speed_factor, limit,
+        vehicles.track.shape[1:], seed, effects,
+    )  # fmt: skip
     return Entrants(newcomers, last, enters, rank, is_subject)
-
-
-def _choose_lanes(
-    room_m: Float[Array, "entrance lane"], inflow: Inflow, destination: Int[Array, "entrance rank"]
-) -> tuple[Int[Array, "entrance rank"], Bool[Array, "entrance rank"]]:
-    """Return the lane of each in the queue, and whether any was left that serves his destination.
-
-    Ties go to the right, as in SUMO.
-    """
-    num_entrances, num_lanes = room_m.shape
-    free = jnp.where(inflow.lane_row >= 0, room_m, -jnp.inf)
-    lanes, served = [], []
-    for rank in range(num_lanes):
-        serves = inflow.serves[jnp.arange(num_entrances), destination[:, rank]]
-        candidate = jnp.where(serves, free, -jnp.inf)
-        lane = jnp.argmax(candidate, axis=1).astype(jnp.int32)
-        is_served = jnp.max(candidate, axis=1) > -jnp.inf
-        taken = (jnp.arange(num_lanes) == lane[:, None]) & is_served[:, None]
-        free = jnp.where(taken, -jnp.inf, free)
-        lanes.append(lane)
-        served.append(is_served)
-    return jnp.stack(lanes, axis=1), jnp.stack(served, axis=1)
 
 
 def _draw(
@@ -169,15 +105,3 @@ def _draw(
     chance = uniform(seed, identity, 0, purpose)
     # the last share is 1 but for rounding: compare with all but the last, so that rounding cannot run off the end
     return jnp.sum(chance[:, :, None] > cumulated[:, None, :-1], axis=2).astype(jnp.int32)
-
-
-def _speed_factor(
-    classes: tuple[VehicleClass, ...],
-    vehicle_class: Int[Array, "entrance lane"],
-    seed: Int[Array, ""],
-    identity: Int[Array, "entrance lane"],
-) -> Float[Array, "entrance lane"]:
-    mean = select_by_class([c.speed_factor_mean for c in classes], vehicle_class)
-    deviation = select_by_class([c.speed_factor_deviation for c in classes], vehicle_class)
-    normal = ndtri(uniform(seed, identity, 0, Purpose.SPEED_FACTOR))
-    return jnp.clip(mean + deviation * normal, *SPEED_FACTOR_BOUNDS)

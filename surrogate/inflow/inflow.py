@@ -12,10 +12,14 @@ from jaxtyping import Array, Bool, Float, Int
 from surrogate.effects.apply import true_arrival
 from surrogate.effects.base import Arrivals
 from surrogate.effects.settings import Effects
+from surrogate.inflow.departure import DepartureRules
+from surrogate.inflow.timetable import Timetable
 from surrogate.keyed_random import Purpose, exponential
 from surrogate.road.traffic_state import TrafficState
+from surrogate.xla.gather import take
 
 ARRIVALS_PER_DECISION = 4  # at most this many join a queue per decision; the rest come at the next one
+ARRIVALS_BY_TIMETABLE = 8  # the same where flows may all begin at once
 ENTRANCE_STRIDE = 1 << 20  # identity = entrance * stride + arrival number
 
 
@@ -38,6 +42,10 @@ class Inflow(eqx.Module):
         flow_class: vehicle class of each flow.
         begin_s: when the entrance opens.
         end_s: when it closes.
+        timetable: every arrival, where entrances have flows of several windows of time, or single vehicles; None where
+            one window each says it all. Vehicles that wait for different lanes do not wait for one another, so an edge
+            then is as many entrances as there are sets of lanes among those who enter there.
+        rules: how vehicles depart; given with a timetable, None where all do as `entering` has it.
     """
 
     lane_row: Int[Array, "entrance lane"]
@@ -50,6 +58,8 @@ class Inflow(eqx.Module):
     flow_class: Int[Array, "entrance flow"]
     begin_s: Float[Array, " entrance"]
     end_s: Float[Array, " entrance"]
+    timetable: Timetable | None = None
+    rules: DepartureRules | None = None
 
     @property
     def num_entrances(self) -> int:
@@ -121,6 +131,8 @@ def arrive(
         effects: what the baseline lacks; None for the baseline.
         mainline: entrance of the subject vehicle.
     """
+    if inflow.timetable is not None:
+        return _arrive_by_timetable(state, inflow.timetable, now_s)
     draws = ArrivalDraws(inflow, demand_vehps, seed, effects, mainline)
     is_open = (now_s > inflow.begin_s) & (now_s <= inflow.end_s)
     demand = state.cumulated_demand + jnp.where(is_open, demand_vehps * interval_s, 0.0)
@@ -130,6 +142,16 @@ def arrive(
         num_arrived = num_arrived + has_come
         threshold = threshold + jnp.where(has_come, draws.demand_to(num_arrived), 0.0)
     return Queues(num_arrived, threshold, demand)
+
+
+def _arrive_by_timetable(state: TrafficState, table: Timetable, now_s: Float[Array, ""]) -> Queues:
+    num_arrived = state.num_arrived
+    entrance = jnp.arange(num_arrived.shape[0], dtype=jnp.int32)
+    last = table.time_s.shape[1] - 1  # nobody ever arrives there
+    for _ in range(ARRIVALS_BY_TIMETABLE):
+        next_s = take(table.time_s.reshape(-1), entrance * (last + 1) + jnp.minimum(num_arrived, last))
+        num_arrived = num_arrived + (next_s <= now_s)
+    return Queues(num_arrived, state.next_arrival, state.cumulated_demand)
 
 
 class ArrivalDraws(eqx.Module):

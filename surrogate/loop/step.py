@@ -1,6 +1,7 @@
 """One decision of the whole road: vehicles change lane, leave and enter; no time passes."""
 
 import dataclasses
+from functools import partial
 
 import equinox as eqx
 import jax
@@ -11,6 +12,8 @@ from surrogate.effects.apply import decide_lanes, remember_lane_changes, road_de
 from surrogate.effects.base import Moment
 from surrogate.inflow.entering import entrants
 from surrogate.inflow.inflow import ArrivalDraws, arrive
+from surrogate.inflow.insertion import WAITING_SLOTS, entrants_by_rule, still_waiting
+from surrogate.inflow.newcomers import NOBODY_WAITS
 from surrogate.lane_change.decide import decide
 from surrogate.lane_change.manoeuvre import (
     after_reorder,
@@ -42,6 +45,7 @@ def initial_state(world: World, capacity: int, clock: Clock | None = None) -> Tr
     has_manoeuvres = clock is not None and clock.change_timing is not None
     num_rows, num_entrances = world.road.num_rows, world.inflow.num_entrances
     none = jnp.zeros((num_entrances,), jnp.int32)
+    nobody_waits = jnp.full((num_entrances, WAITING_SLOTS), NOBODY_WAITS, jnp.int32)
     vehicles = empty_vehicles(num_rows, capacity)
     if world.effects is not None:
         vehicles = with_memories(world.effects, vehicles, world.seed)
@@ -65,6 +69,7 @@ def initial_state(world: World, capacity: int, clock: Clock | None = None) -> Tr
         num_lost=jnp.zeros((), jnp.int32),
         num_lane_changes=jnp.zeros((len(Reason),), jnp.int32),
         manoeuvres=idle_manoeuvres(capacity) if has_manoeuvres else None,
+        waiting=None if world.inflow.rules is None else nobody_waits,
     )
 
 
@@ -110,7 +115,10 @@ def settle_lanes(
         look_ahead_speed_mps=decision.look_ahead_speed_mps,
     )
     with jax.named_scope("enter"):
-        candidates = entrants(
+        enter = (
+            entrants if world.inflow.rules is None else partial(entrants_by_rule, num_steps=clock.steps_per_decision)
+        )
+        candidates = enter(
             state, queues, world.road, world.inflow, world.classes, subject, world.seed, now_s, clock.step_s, effects
         )
     if isinstance(world.driver, LoggedMotion):
@@ -140,14 +148,15 @@ def settle_lanes(
     if subject.num_subjects:
         _, number = subject.waiting(state.subject_inserted, now_s)
         entered_now &= jnp.arange(subject.num_subjects) == number
-    enters_as_other = order.has_entered & ~candidates.is_subject
+    enters_as_other = (order.has_entered & ~candidates.is_subject).reshape(world.inflow.num_entrances, -1)
+    num_entered = jnp.sum(enters_as_other, axis=1, dtype=jnp.int32)
     reasons = jnp.stack([jnp.sum(order.has_moved & (decision.reason == reason), dtype=jnp.int32) for reason in Reason])
     return dataclasses.replace(
         state,
         vehicles=vehicles,
         head=order.head,
         num_arrived=queues.num_arrived,
-        num_inserted=state.num_inserted + jnp.sum(enters_as_other, axis=1, dtype=jnp.int32),
+        num_inserted=state.num_inserted + num_entered,
         next_arrival=queues.next_arrival,
         cumulated_demand=queues.cumulated_demand,
         subject_inserted=state.subject_inserted | entered_now,
@@ -155,6 +164,7 @@ def settle_lanes(
         num_lost=state.num_lost + order.num_lost,
         num_lane_changes=state.num_lane_changes + reasons,
         manoeuvres=manoeuvres,
+        waiting=still_waiting(candidates, order.has_entered),
     )
 
 

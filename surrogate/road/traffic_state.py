@@ -88,6 +88,8 @@ class TrafficState(eqx.Module):
     num_lost: Int[Array, ""]  # vehicles that could not enter because the arrays were full, summed over decisions
     num_lane_changes: Int[Array, " reason"]  # lane changes by reason; see `lane_change.base.Reason`
     manoeuvres: Manoeuvres | None = None  # changes under way; None where they take no time
+    # numbers of the arrivals at the front of each queue, -1 behind the last; None where nobody overtakes in a queue
+    waiting: Int[Array, "entrance slot"] | None = None
 
 
 def empty_vehicles(num_rows: int, capacity: int) -> VehicleArrays:

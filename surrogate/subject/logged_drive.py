@@ -10,7 +10,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from surrogate.inflow.entering import Entrants
+from surrogate.inflow.newcomers import Entrants
 from surrogate.road.road import Road
 from surrogate.road.traffic_state import TrafficState, VehicleArrays, with_changes
 from surrogate.vehicle.lane_change_model import LEFT, STAY, LaneChangeDecision, Reason

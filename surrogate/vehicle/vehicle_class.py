@@ -120,6 +120,12 @@ class CarFollowingMix(eqx.Module):
             lambda model: model.secure_gap_m(speed_mps, leader_speed_mps, leader_deceleration_mps2, step_s)
         )
 
+    def insertion_speed_mps(
+        self, situation: FollowingSituation, leader_deceleration_mps2: Value, step_s: float
+    ) -> Value:
+        """See `CarFollowingModel.insertion_speed_mps`."""
+        return self._each(lambda model: model.insertion_speed_mps(situation, leader_deceleration_mps2, step_s))
+
     def follow_speed_mps(self, situation: FollowingSituation, step_s: float) -> Value:
         """Return the speed after one step, >= 0, that the models want."""
         return jnp.maximum(0.0, situation.speed_mps + step_s * self.acceleration(situation, step_s))

@@ -158,9 +158,8 @@ def test_what_is_wrong_is_named(own_corridor: Path, name: str, old: str, new: st
     [
         (CONFIG, 'collision.action value="warn"', 'lateral-resolution value="0.8"', Level.APPROXIMATED, "sublane"),
         (DEMAND, 'carFollowModel="IDM"', 'carFollowModel="EIDM"', Level.APPROXIMATED, "takes IDM"),
-        (DEMAND, 'departSpeed="avg"', 'departSpeed="max"', Level.SUMO_ALONE, "departSpeed 'max'"),
-        (DEMAND, 'begin="0" end="720" period="exp(0.130000)"', 'begin="9" end="720" period="exp(0.13)"',
-         Level.SUMO_ALONE, "2 windows of time"),
+        (CONFIG, 'collision.action value="warn"', 'max-depart-delay value="60"', Level.APPROXIMATED, "as long as"),
+        (DEMAND, 'departPos="last"', 'departPos="free"', Level.APPROXIMATED, "departPos 'free'"),
         (DEMAND, "<route id", '<inductionLoop id="loop" file="../harm.xml"/><route id', Level.BESIDE, "inductionLoop"),
         (DEMAND, "<route id", '<rerouter id="r" edges="m4"/><route id', Level.APPROXIMATED, "rerouter"),
     ],
@@ -173,6 +172,28 @@ def test_what_the_surrogate_cannot_follow_is_said(
     assert finding.level is level
     assert str(finding).startswith(f"{name}: ")
     assert part in str(finding)
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ('departSpeed="avg"', 'departSpeed="max"'),
+        ('departLane="best" departPos="last" departSpeed="avg"', 'departLane="1" departPos="-7.5" departSpeed="12"'),
+        ('begin="0" end="720" period="exp(0.130000)"', 'begin="9" end="720" period="exp(0.13)"'),
+        ("<vehicle ", '<vehicle id="one" type="car" route="r_main_e" depart="0:02:03" departLane="best"/><vehicle '),
+    ],
+)
+def test_there_is_nothing_to_say_of_what_is_followed(own_corridor: Path, old: str, new: str):
+    spoil(own_corridor, DEMAND, old, new)
+    assert read(own_corridor).findings == ()
+
+
+def test_a_departure_of_which_the_file_says_nothing_is_sumo_s(own_corridor: Path):
+    """SUMO 1.28's `default.departlane` and `default.departspeed`; it was the first lane and standing before."""
+    spoil(own_corridor, DEMAND, 'departLane="best" departPos="last" departSpeed="avg"', "")
+    (finding,) = read(own_corridor).findings
+    assert finding.level is Level.APPROXIMATED
+    assert "best_prob" in str(finding)
 
 
 def test_a_number_that_is_no_number(own_corridor: Path):

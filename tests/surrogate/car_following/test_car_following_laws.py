@@ -190,3 +190,60 @@ def test_every_parameter_has_a_finite_gradient_at_a_standstill_and_on_a_free_roa
     gradient = jax.jit(jax.grad(sum_of_speeds))(MODELS[name]())
     assert all(np.isfinite(np.asarray(leaf)).all() for leaf in jax.tree.leaves(gradient))
     assert any(abs(float(leaf)) > 1e-3 for leaf in jax.tree.leaves(gradient))
+
+
+def entering(gap: np.ndarray, wanted: float = 27.0, leader: float = 19.0) -> FollowingSituation:
+    """Return what vehicles see that would be put on the road with one speed at several gaps."""
+
+    def filled(value: float) -> jnp.ndarray:
+        return jnp.full(gap.shape, value, jnp.float32)
+
+    return FollowingSituation(
+        filled(wanted),
+        jnp.asarray(gap, jnp.float32),
+        filled(leader),
+        filled(0.0),
+        filled(0.0),
+        filled(31.0),
+        filled(0.5),
+    )
+
+
+@every_model
+def test_with_room_a_vehicle_enters_as_fast_as_it_wants_and_never_faster(name: str) -> None:
+    gap = np.linspace(0.5, 400.0, 150)
+    speed = np.asarray(MODELS[name]().insertion_speed_mps(entering(gap), jnp.asarray(4.3), STEP_S))
+    assert speed[-1] == 27.0
+    assert (speed >= 0.0).all()
+    assert (speed <= 27.0).all()
+    assert (np.diff(speed) >= -ROUNDING).all()
+    assert speed[0] < 27.0
+
+
+@pytest.mark.parametrize("name", [name for name in MODELS if name not in ("idm", "iidm", "acc")])
+def test_a_vehicle_enters_with_a_secure_gap(name: str) -> None:
+    model, gap = MODELS[name](), np.linspace(0.5, 400.0, 150)
+    speed = model.insertion_speed_mps(entering(gap), jnp.asarray(4.3), STEP_S)
+    needed = np.asarray(model.secure_gap_m(speed, jnp.full(gap.shape, 19.0), jnp.asarray(4.3), STEP_S))
+    fits = gap >= float(model.jam_gap_m)
+    assert (needed[fits] <= gap[fits] - float(model.jam_gap_m) + ROUNDING).all()
+    faster = np.asarray(
+        model.secure_gap_m(speed + 0.1, jnp.full(gap.shape, 19.0), jnp.asarray(4.3), STEP_S)
+    )  # a little faster, and the gap would not do
+    below = fits & (np.asarray(speed) < 26.9)
+    assert below.any()
+    assert (faster[below] > gap[below] - float(model.jam_gap_m) - ROUNDING).all()
+
+
+@pytest.mark.parametrize("name", ["idm", "iidm", "acc"])
+def test_an_idm_driver_brakes_one_step_where_his_gap_is_too_small_to_enter(name: str) -> None:
+    """Source: `MSCFModel_IDM::insertionFollowSpeed`."""
+    model, gap = MODELS[name](), np.linspace(20.0, 400.0, 150)
+    speed = np.asarray(model.insertion_speed_mps(entering(gap), jnp.asarray(4.3), STEP_S))
+    needed = float(model.secure_gap_m(jnp.asarray(27.0), jnp.asarray(19.0), jnp.asarray(4.3), STEP_S))
+    fits = needed <= gap - float(model.jam_gap_m)
+    assert fits.any()
+    assert (~fits).any()
+    assert (speed[fits] == 27.0).all()
+    one_step = 27.0 + STEP_S * np.asarray(model.acceleration(entering(gap), STEP_S))
+    np.testing.assert_allclose(speed[~fits], np.clip(one_step, 0.0, 27.0)[~fits], rtol=1e-5)
