@@ -28,7 +28,7 @@ from surrogate.loop.step import initial_state, look_up_lane, settle_lanes
 from surrogate.loop.world import Clock, World
 from surrogate.road.traffic_state import TrafficState, with_changes
 from surrogate.subject.registry import SubjectModel
-from surrogate.xla.materialise import compiler_options
+from tests.jit_quickly import jit_quickly
 from tests.places import CORRIDOR
 
 pytestmark = pytest.mark.long
@@ -91,7 +91,7 @@ def stepping() -> Callable[[TrafficState, World], TrafficState]:
         state = jax.lax.cond(decides, lambda s: settle_lanes(s, world, CLOCK), lambda s: s, state)
         return move_on(state, world, CLOCK.step_s, 1)
 
-    return jax.jit(one_step, compiler_options=compiler_options())
+    return jit_quickly(one_step)
 
 
 def run_in_surrogate(run: SumoRun, template: WorldTemplate, first: int) -> np.ndarray:

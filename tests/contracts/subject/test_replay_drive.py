@@ -25,7 +25,7 @@ from surrogate.loop.world import Clock, World
 from surrogate.road.perception import Sensor, perceive
 from surrogate.road.traffic_state import TrafficState, empty_vehicles, with_changes
 from surrogate.subject.logged_drive import overlaps
-from surrogate.xla.materialise import compiler_options
+from tests.jit_quickly import jit_quickly
 from tests.places import CORRIDOR
 
 STEP_S = 0.1
@@ -133,7 +133,7 @@ def to_next_frame(duration_s: float) -> Callable[[TrafficState, World, jax.Array
         told = (seen.time_s, seen.subject_position_m, seen.subject_speed_mps, row, seen.valid)
         return state, jnp.stack([jnp.asarray(one, jnp.float32) for one in told])
 
-    return jax.jit(frame, compiler_options=compiler_options())
+    return jit_quickly(frame)
 
 
 def in_surrogate(
