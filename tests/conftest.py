@@ -37,6 +37,9 @@ IS_OURS = FOLDER not in os.environ  # workers inherit the folder of the process 
 # Programs are kept from one call of the tests to the next, too, as the command line keeps them: found by what they are
 # made from, so that what has changed is traced and compiled anew.
 os.environ.setdefault(PROGRAMS, str(ROOT / ".pytest_cache" / "programs"))
+# As many devices as commands on a worker's core say that there are: a program's name depends on it, and tests and the
+# processes that they start have some programs in common.
+os.environ.setdefault("JAX_NUM_CPU_DEVICES", "1")
 keep_compiled_programs()
 if IS_OURS:
     os.environ[FOLDER] = tempfile.mkdtemp(prefix="jaxcalib-tests-")
@@ -181,13 +184,14 @@ def drive_on() -> Callable[["World", int], list["TrafficState"]]:
     from surrogate.loop.moving import move_on
     from surrogate.loop.step import initial_state, settle_lanes
     from surrogate.loop.world import Clock
+    from tests.jit_quickly import jit_quickly
 
     clock, capacity = Clock(step_s=0.1, steps_per_decision=10), 288
 
     def advance(state: "TrafficState", world: "World") -> "TrafficState":
         return move_on(settle_lanes(state, world, clock), world, clock.step_s, clock.steps_per_decision)
 
-    decide = jax.jit(advance)
+    decide = jit_quickly(advance)
     begin = jax.jit(lambda world: initial_state(world, capacity))
 
     def run(world: "World", num_decisions: int) -> list["TrafficState"]:

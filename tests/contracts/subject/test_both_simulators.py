@@ -4,7 +4,9 @@ SUMO runs; the surrogate starts from one of its frames, with the vehicles that t
 drives on. There are few vehicles, so that all that matters is in that frame.
 """
 
+import functools
 import shutil
+from collections.abc import Callable
 from pathlib import Path
 
 import jax
@@ -26,6 +28,7 @@ from surrogate.loop.step import initial_state, look_up_lane, settle_lanes
 from surrogate.loop.world import Clock, World
 from surrogate.road.traffic_state import TrafficState, with_changes
 from surrogate.subject.registry import SubjectModel
+from tests.jit_quickly import jit_quickly
 from tests.places import CORRIDOR
 
 pytestmark = pytest.mark.long
@@ -79,11 +82,16 @@ def run_in_sumo(scenario: Scenario, template: WorldTemplate) -> SumoRun:
         return engine.start(request)[1].result()
 
 
-@jax.jit
-def one_step(state: TrafficState, world: World) -> TrafficState:
-    decides = state.step % CLOCK.steps_per_decision == PLAN.steps_before_decision
-    state = jax.lax.cond(decides, lambda s: settle_lanes(s, world, CLOCK), lambda s: s, state)
-    return move_on(state, world, CLOCK.step_s, 1)
+@functools.cache
+def stepping() -> Callable[[TrafficState, World], TrafficState]:
+    """Return the program of one step."""
+
+    def one_step(state: TrafficState, world: World) -> TrafficState:
+        decides = state.step % CLOCK.steps_per_decision == PLAN.steps_before_decision
+        state = jax.lax.cond(decides, lambda s: settle_lanes(s, world, CLOCK), lambda s: s, state)
+        return move_on(state, world, CLOCK.step_s, 1)
+
+    return jit_quickly(one_step)
 
 
 def run_in_surrogate(run: SumoRun, template: WorldTemplate, first: int) -> np.ndarray:
@@ -122,7 +130,7 @@ def run_in_surrogate(run: SumoRun, template: WorldTemplate, first: int) -> np.nd
         step=jnp.asarray(step, jnp.int32),
         next_arrival=jnp.full_like(state.next_arrival, jnp.inf),
     )
-    rows = []
+    rows, one_step = [], stepping()
     for time in times[first:]:
         while int(state.step) < round(time / CLOCK.step_s) + 1:
             state = one_step(state, world)

@@ -23,6 +23,7 @@ from surrogate.road.traffic_state import TrafficState, with_changes
 from surrogate.subject.following import SubjectFollowing
 from surrogate.subject.registry import SubjectModel
 from surrogate.vehicle.lane_change_model import STAY
+from tests.jit_quickly import jit_quickly
 from tests.places import CORRIDOR
 
 LAYOUT = ParameterLayout(("main",), (("f_main_o1", "f_main_e"),), ("car",), ("tau",))
@@ -84,8 +85,7 @@ def test_a_planned_acceleration_goes_on_while_a_lane_change_takes_its_time(has_e
     clock = Clock(0.1, 10, 4.0)
     world = world_of(template_of("planner"), {e.name: EffectSetting(e.weak) for e in EFFECTS} if has_effects else {})
 
-    @jax.jit
-    def advance(state: TrafficState) -> TrafficState:
+    def advance(state: TrafficState, world: World) -> TrafficState:
         return move_on(settle_lanes(state, world, clock), world, clock.step_s, clock.steps_per_decision)
 
     # behind a slow vehicle, with nobody beside; the road's own traffic is far behind
@@ -101,14 +101,15 @@ def test_a_planned_acceleration_goes_on_while_a_lane_change_takes_its_time(has_e
     arrays, head, _ = vehicle_arrays(around, world.road.num_rows)
     vehicles = jax.tree.map(jnp.asarray, arrays)
     is_slow = vehicles.vehicle_class == 0
-    vehicles = with_changes(vehicles, speed_factor=jnp.where(is_slow, 0.3, 1.0))
+    vehicles = with_changes(vehicles, speed_factor=jnp.where(is_slow, 0.3, vehicles.speed_factor))
     if world.effects is not None:
         vehicles = with_memories(world.effects, vehicles, world.seed)
     state = initial_state(world, vehicles.row.shape[0], clock)
     state = eqx.tree_at(lambda s: (s.vehicles, s.head), state, (vehicles, jnp.asarray(head)), is_leaf=_is_none)
+    program = jit_quickly(advance).lower(state, world).compile()  # one: it refuses another type
     rows, num_changing = [], 0
     for _ in range(14):
-        state = advance(state)
+        state = program(state, world)
         (entry,) = np.flatnonzero(world.is_subject(state.vehicles))
         assert state.manoeuvres is not None
         num_changing += int(state.manoeuvres.direction[entry]) != STAY

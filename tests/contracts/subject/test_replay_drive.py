@@ -1,7 +1,9 @@
 """A logged drive on the simulators' clock, and a subject vehicle that repeats it in both simulators."""
 
+import functools
 import re
 import shutil
+from collections.abc import Callable
 from pathlib import Path
 
 import jax
@@ -23,6 +25,7 @@ from surrogate.loop.world import Clock, World
 from surrogate.road.perception import Sensor, perceive
 from surrogate.road.traffic_state import TrafficState, empty_vehicles, with_changes
 from surrogate.subject.logged_drive import overlaps
+from tests.jit_quickly import jit_quickly
 from tests.places import CORRIDOR
 
 STEP_S = 0.1
@@ -111,6 +114,28 @@ def logged(problem: CalibrationProblem) -> np.ndarray:
     return np.stack(columns, axis=1)[np.asarray(even.valid)]
 
 
+@functools.cache
+def to_next_frame(duration_s: float) -> Callable[[TrafficState, World, jax.Array], tuple[TrafficState, jax.Array]]:
+    """Return the program that goes on by 0.5 s, with lane changes that take so long, and sees what is there then."""
+    clock = Clock(STEP_S, 10, duration_s)
+    plan = RunPlan(clock, 0, 5)
+    sensor = Sensor(jnp.asarray(150.0), jnp.asarray(150.0), 32)
+
+    def frame(state: TrafficState, world: World, decides: jax.Array) -> tuple[TrafficState, jax.Array]:
+        def step(number: jax.Array, state: TrafficState) -> TrafficState:
+            settles = decides & (number == plan.steps_before_decision)
+            state = jax.lax.cond(settles, lambda s: settle_lanes(s, world, clock), lambda s: s, state)
+            return move_on(state, world, STEP_S, 1)
+
+        state = jax.lax.fori_loop(0, plan.steps_per_frame, step, state)
+        state, seen, _ = perceive(state, world.road, sensor, world.subject_class, state.step * STEP_S)
+        row = jnp.sum(jnp.where(seen.object_is_subject, seen.object_row, 0))
+        told = (seen.time_s, seen.subject_position_m, seen.subject_speed_mps, row, seen.valid)
+        return state, jnp.stack([jnp.asarray(one, jnp.float32) for one in told])
+
+    return jit_quickly(frame)
+
+
 def in_surrogate(
     problem: CalibrationProblem, demand: float, duration_s: float = 0.0, effects: Effects | None = None
 ) -> tuple[np.ndarray, TrafficState]:
@@ -121,19 +146,7 @@ def in_surrogate(
     world = template.world(
         jnp.asarray(values, jnp.float32), jnp.asarray(4), jnp.asarray(depart_s, jnp.float32), effects
     )
-    sensor = Sensor(jnp.asarray(150.0), jnp.asarray(150.0), 32)
-    plan = RunPlan(clock, 0, 5)
-
-    @jax.jit
-    def frame(state: TrafficState, world: World, decides: jax.Array) -> tuple[TrafficState, jax.Array]:
-        state = move_on(state, world, STEP_S, plan.steps_before_decision)
-        state = jax.lax.cond(decides, lambda s: settle_lanes(s, world, clock), lambda s: s, state)
-        state = move_on(state, world, STEP_S, 5 - plan.steps_before_decision)
-        state, seen, _ = perceive(state, world.road, sensor, world.subject_class, state.step * STEP_S)
-        row = jnp.sum(jnp.where(seen.object_is_subject, seen.object_row, 0))
-        told = (seen.time_s, seen.subject_position_m, seen.subject_speed_mps, row, seen.valid)
-        return state, jnp.stack([jnp.asarray(one, jnp.float32) for one in told])
-
+    frame = to_next_frame(duration_s)
     state, rows = initial_state(world, 512, clock), []
     for number in range(1440):
         state, told = frame(state, world, jnp.asarray(number % 2 == 0))

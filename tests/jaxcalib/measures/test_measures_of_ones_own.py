@@ -21,6 +21,7 @@ from jaxcalib.problem.problem import CalibrationProblem, read_problem
 from sim_adapters.interface import RunRequest
 
 CORRIDOR = Path(registry.__file__).parents[2] / "experiments/cases/corridor"
+NUM_RUNS = 4
 END_S, DEPART_S = 150.0, 91.0  # runs end while the subject vehicle is on its way
 
 # As a file of its own would have it: a quotient of tallies that there are already ...
@@ -105,9 +106,9 @@ def test_a_quotient_enters_the_objective_unless_it_says_otherwise(problem: Calib
 @pytest.mark.parametrize("engine", ["surrogate", "sumo"])
 def test_both_simulators_are_measured(problem: CalibrationProblem, engine: str):
     values = tuple(problem.template.base_values().tolist())
-    requests = [RunRequest(values, seed, DEPART_S) for seed in range(4)]
+    requests = [RunRequest(values, seed, DEPART_S) for seed in range(NUM_RUNS)]
     if engine == "surrogate":
-        outcomes = surrogate_engine(problem).run(requests)
+        outcomes = surrogate_engine(problem, runs_per_device=NUM_RUNS).run(requests)
     else:
         with sumo_engine(problem, num_processes=1) as simulator:
             outcomes = simulator.run(requests)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from jaxcalib.problem.problem import CalibrationProblem, read_problem
+from jaxcalib.sweeps import preparation
 from jaxcalib.sweeps import sweep as module
 from jaxcalib.sweeps.plan import SweepPlan
 from jaxcalib.sweeps.report import write_report
@@ -54,7 +55,8 @@ class ToyEngine:
 @pytest.fixture
 def toy(monkeypatch: pytest.MonkeyPatch) -> Callable[..., list[ToyEngine]]:
     """Return what puts a toy in the place of the engines; the list holds those that were used."""
-    monkeypatch.setattr(module, "read_problem", lambda case: read_once(CORRIDOR))
+    for reader in (preparation, module):
+        monkeypatch.setattr(reader, "read_problem", lambda case: read_once(CORRIDOR))
     used: list[ToyEngine] = []
 
     def put(stop_before: int | None = None, status_of: StatusOf = some_collide) -> list[ToyEngine]:

@@ -18,6 +18,7 @@ ALIKE = 'id="far" vClass="passenger" length="4.8" carFollowModel="IDM" accel="2.
 ALIKE += 'delta="4" speedFactor="1.0" speedDev="0.1"'
 CAREFUL = ALIKE.replace('tau="1.0"', 'tau="3.0"')
 TYPES = DistantTypes({"car": "far"}, ahead_m=100.0, behind_m=60.0, steps_per_decision=10, first_step=2)
+NUM_RUNS = 4  # of the surrogate
 START_M = {"a_0": (0, 0.0, True), "b_0": (1, 1000.0, True)}
 
 
@@ -91,6 +92,7 @@ def in_sumo(problem: CalibrationProblem) -> RunOutcome:
         return sumo.run([RunRequest(values, 3, problem.case.drives[0].depart_s)])[0]
 
 
+@pytest.mark.long
 def test_distant_vehicles_drive_as_they_are_told_in_both_simulators(corridor_folder: Path, tmp_path: Path) -> None:
     plain = problem_with(None, corridor_folder, tmp_path / "plain")
     alike = problem_with(ALIKE, corridor_folder, tmp_path / "alike")
@@ -104,8 +106,8 @@ def test_distant_vehicles_drive_as_they_are_told_in_both_simulators(corridor_fol
     assert any("distant_vtypes" in line for line in careful.warnings())
 
     values = tuple(careful.template.base_values().tolist())
-    requests = [RunRequest(values, seed, careful.case.drives[0].depart_s) for seed in range(4)]
-    told = surrogate_engine(careful).run(requests)
+    requests = [RunRequest(values, seed, careful.case.drives[0].depart_s) for seed in range(NUM_RUNS)]
+    told = surrogate_engine(careful, runs_per_device=NUM_RUNS).run(requests)
     inserted, arrived = (np.sum([getattr(run, name) for run in told]) for name in ("num_inserted", "num_arrived"))
     assert inserted / arrived == pytest.approx(other.num_inserted.sum() / other.num_arrived.sum(), abs=0.08)
     steps = np.mean([run.num_vehicle_steps for run in told])

@@ -18,6 +18,9 @@ from surrogate.loop.world import World
 from surrogate.road.traffic_state import TrafficState
 from surrogate.vehicle.lane_change_model import LaneChangeModel, Reason
 from surrogate.vehicle.model_entry import ModelEntry, ParameterRangeError, UnknownModelError
+from tests.jit_quickly import jit_quickly
+
+pytestmark = pytest.mark.long
 
 LENGTH_M = 4.8  # of all vehicles of the corridor
 NUM_DECISIONS = 240
@@ -132,7 +135,7 @@ def test_derivatives_of_a_decision_are_finite(states: list[TrafficState], world:
             jnp.where(jnp.isfinite(leaf), leaf, 0.0) for leaf in jax.tree.leaves(found) if leaf.dtype == jnp.float32
         ]
 
-    @jax.jit
+    @jit_quickly
     def slopes(state: TrafficState, direction: LaneChangeModel) -> list[jax.Array]:
         return jax.jvp(lambda one: numbers(one, state), (model,), (direction,))[1]
 

@@ -13,6 +13,7 @@ from surrogate.loop.step import initial_state, settle_lanes
 from surrogate.loop.world import Clock, World
 from surrogate.road.traffic_state import TrafficState
 from surrogate.vehicle.lane_change_model import STAY
+from tests.jit_quickly import jit_quickly
 
 LENGTH_M = 4.8  # of all vehicles of the corridor
 CAPACITY = 288
@@ -28,13 +29,13 @@ def world(corridor_world: Callable[..., World]) -> World:
 
 @pytest.fixture(scope="module")
 def states(world: World) -> list[TrafficState]:
-    @jax.jit
-    def advance(state: TrafficState) -> TrafficState:
+    @jit_quickly
+    def advance(state: TrafficState, world: World) -> TrafficState:
         return move_on(settle_lanes(state, world, SLOW), world, SLOW.step_s, SLOW.steps_per_decision)
 
-    states = [initial_state(world, CAPACITY, SLOW)]
+    states = [jax.jit(lambda world: initial_state(world, CAPACITY, SLOW))(world)]
     for _ in range(NUM_DECISIONS):
-        states.append(advance(states[-1]))
+        states.append(advance(states[-1], world))
     return [jax.device_get(state) for state in states]
 
 

@@ -20,6 +20,7 @@ from surrogate.loop.world import World
 from surrogate.road.traffic_state import TrafficState
 from surrogate.vehicle.lane_change_model import LaneChangeModel, Reason
 from surrogate.vehicle.vehicle_class import VehicleClass
+from tests.jit_quickly import jit_quickly
 from tests.surrogate.lane_change.lane_scene import lane_scene
 
 STEP_S = 0.1
@@ -218,10 +219,10 @@ def test_each_class_decides_by_its_own_model(
     lc2013 = corridor_world(19, 42.0, main=3300.0, on1=620.0)
     reluctant = mobil(changing_threshold_mps2=50.0)
     worlds = (lc2013, mixed_world, with_lane_change(lc2013, (reluctant, None)))
-    of_world = [jax.jit(lambda s, w: decide(VehiclesOnRoad(s.vehicles, w.road, s.head), w.classes, 1.0, STEP_S))] * 3
+    found = jit_quickly(lambda s, w: decide(VehiclesOnRoad(s.vehicles, w.road, s.head), w.classes, 1.0, STEP_S))
     num_different, num_free = 0, 0
     for state in states[60:150:10]:
-        ours, mixed, strategic = (f(state, w) for f, w in zip(of_world, worlds, strict=True))
+        ours, mixed, strategic = (found(state, world) for world in worlds)
         is_subject = np.asarray(state.vehicles.vehicle_class == 1)
         for name in ("direction", "gain_left_memory", "keep_right_memory"):
             np.testing.assert_array_equal(

@@ -1,3 +1,4 @@
+import functools
 from collections.abc import Callable
 
 import equinox as eqx
@@ -16,17 +17,41 @@ from surrogate.loop.world import Clock, World
 from surrogate.road.traffic_state import TrafficState
 from surrogate.xla import tiles
 from surrogate.xla.tiles import Chosen, Tile, all_tiles, for_each_tile, over_tiles, tiles_for
+from tests.jit_quickly import jit_quickly
 
 CLOCK = Clock(step_s=0.1, steps_per_decision=10)
-LENGTHS = st.integers(1, 700)
+# One, two, three and four tiles, full and with a rest. Each length is a program of its own, so they are few.
+LENGTHS = st.sampled_from([1, 2, 63, 223, 224, 225, 448, 449, 673, 700])
+
+
+@functools.cache
+def squares(num_entries: int) -> tuple[jax.Array, Callable[[int], jax.Array]]:
+    """Return values, and what squares them in so many tiles."""
+    values = jnp.arange(num_entries) * 0.7 + 1.3
+
+    def square(num_tiles: jax.Array | int) -> jax.Array:
+        return over_tiles(lambda tile: {"square": tile(values) ** 2}, num_tiles, num_entries)["square"]
+
+    return values, jax.jit(square)
+
+
+@functools.cache
+def counts(num_entries: int) -> jax.Array:
+    """Return in how many of its tiles each entry is new."""
+
+    def count(tile: Tile, counted: jax.Array) -> jax.Array:
+        return tile.write(counted, tile(counted) + tile.is_new)
+
+    nothing = jnp.zeros((num_entries,), jnp.int32)
+    return jax.jit(lambda: for_each_tile(count, all_tiles(num_entries), num_entries, nothing))()
 
 
 @settings(max_examples=25, deadline=None)
 @given(LENGTHS, st.integers(0, 700))
 def test_tile_by_tile_gives_what_the_whole_gives_as_far_as_there_are_vehicles(num_entries: int, num_in_use: int):
-    values = jnp.arange(num_entries) * 0.7 + 1.3
+    values, square = squares(num_entries)
     num_tiles = int(tiles_for(jnp.asarray(min(num_in_use, num_entries)), num_entries))
-    found = over_tiles(lambda tile: {"square": tile(values) ** 2}, num_tiles, num_entries)["square"]
+    found = square(num_tiles)
     if all_tiles(num_entries) == 1:  # is always worked through
         num_tiles = 1
     covered = min(num_tiles * tiles.tile_size(num_entries), num_entries)
@@ -38,11 +63,7 @@ def test_tile_by_tile_gives_what_the_whole_gives_as_far_as_there_are_vehicles(nu
 @settings(max_examples=25, deadline=None)
 @given(LENGTHS)
 def test_each_entry_is_new_in_one_tile(num_entries: int):
-    def count(tile: Tile, counted: jax.Array) -> jax.Array:
-        return tile.write(counted, tile(counted) + tile.is_new)
-
-    counted = for_each_tile(count, all_tiles(num_entries), num_entries, jnp.zeros((num_entries,), jnp.int32))
-    assert (np.asarray(counted) == 1).all()
+    assert (np.asarray(counts(num_entries)) == 1).all()
 
 
 def test_chosen_entries_of_each_array():
@@ -52,6 +73,7 @@ def test_chosen_entries_of_each_array():
     assert picked["b"].tolist() == [12, 7, 9]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("mix", [None, {"multi_anticipation": EffectSetting(0.6)}], ids=["baseline", "effects"])
 def test_a_run_is_the_same_whatever_the_tiles(
     mix: dict[str, EffectSetting] | None,
@@ -68,18 +90,19 @@ def test_a_run_is_the_same_whatever_the_tiles(
     state = drive_on(world, 130)[-1]
     num_entries = state.vehicles.row.shape[0]
 
-    def on(state: TrafficState, num_tiles: jax.Array | int) -> TrafficState:
+    def on(state: TrafficState, world: World, num_tiles: jax.Array | int) -> TrafficState:
         settled = settle_lanes(state, world, CLOCK, num_tiles)
         return move_on(settled, world, CLOCK.step_s, CLOCK.steps_per_decision, num_tiles)
 
     monkeypatch.setattr(tiles, "LARGEST_TILE", num_entries)
     monkeypatch.setattr(negotiation, "URGENT_TILE", num_entries)
-    of_whole = jax.jit(lambda state: on(state, 1))(state)
+    of_whole = jit_quickly(lambda state, world: on(state, world, 1))(state, world)
     monkeypatch.setattr(tiles, "LARGEST_TILE", 48)
     monkeypatch.setattr(negotiation, "URGENT_TILE", 2)
     in_use = state.head[-1] + world.inflow.lane_row.size
     assert int(tiles_for(in_use, num_entries)) < all_tiles(num_entries)
-    of_tiles = jax.jit(lambda state: on(state, tiles_for(in_use, num_entries)))(state)
+    num_tiles = tiles_for(in_use, num_entries)
+    of_tiles = jit_quickly(lambda state, world: on(state, world, num_tiles))(state, world)
 
     def without_nobodys_memories(state: TrafficState) -> TrafficState:
         kept = jax.tree.map(lambda leaf: leaf[: int(state.head[-1])], state.vehicles.personal)
@@ -99,7 +122,8 @@ def test_a_traced_number_of_steps_needs_a_bound(
     state = drive_on(world, 40)[-1]
     with pytest.raises(ValueError, match="most_steps"):
         jax.jit(lambda steps: move_on(state, world, CLOCK.step_s, steps))(3)
-    few = jax.jit(lambda steps: move_on(state, world, CLOCK.step_s, steps, most_steps=8))(3)
-    same = jax.jit(lambda: move_on(state, world, CLOCK.step_s, 3))()
+    up_to_8 = jit_quickly(lambda state, world, steps: move_on(state, world, CLOCK.step_s, steps, most_steps=8))
+    few = up_to_8(state, world, 3)
+    same = jit_quickly(lambda state, world: move_on(state, world, CLOCK.step_s, 3))(state, world)
     assert int(few.step) == int(same.step) == int(state.step) + 3
     np.testing.assert_allclose(few.vehicles.position_m, same.vehicles.position_m, rtol=1e-6)
