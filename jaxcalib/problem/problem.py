@@ -148,7 +148,7 @@ def read_problem(folder: Path | str, *, as_stated: bool = False) -> CalibrationP
     parts = require_scenario(case)
     try:
         scenario = read_scenario(
-            parts.scenario.config_file, case.folder, parts.subject.vehicle, parts.scenario.duration_s, load_in_sumo
+            parts.scenario.config_file, parts.subject.vehicle, parts.scenario.duration_s, load_in_sumo
         )
         parts = dataclasses.replace(parts, inputs=parts.inputs or found_inputs(scenario))
         check_models(scenario, parts)

@@ -46,7 +46,7 @@ def check_case(folder: Path | str) -> CaseCheck:
     parts = require_scenario(case)
     try:
         scenario = read_scenario(
-            parts.scenario.config_file, case.folder, parts.subject.vehicle, parts.scenario.duration_s, load_in_sumo
+            parts.scenario.config_file, parts.subject.vehicle, parts.scenario.duration_s, load_in_sumo
         )
         check_models(scenario, parts)
         check_clock(scenario, parts, case)

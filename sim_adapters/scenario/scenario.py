@@ -91,7 +91,6 @@ class Scenario:
 
 def read_scenario(
     config: Path,
-    folder: Path,
     subject_vehicle: str,
     duration_s: float,
     load: Callable[[SumoConfiguration], LoadedScenario] | None = None,
@@ -100,7 +99,6 @@ def read_scenario(
 
     Args:
         config: the .sumocfg.
-        folder: the case's folder, which no path may leave.
         subject_vehicle: id of the subject vehicle.
         duration_s: end of a run, on the scenario's clock.
         load: has SUMO load the scenario and say what its vTypes are and how trips go; without it, types take the
@@ -109,7 +107,7 @@ def read_scenario(
     Raises:
         ScenarioError: SUMO refuses it, or something is missing; one line says what.
     """
-    configuration = read_configuration(config, folder)
+    configuration = read_configuration(config)
     read_xml(configuration.net_file)  # refuses what sumolib would read without a word
     loaded = load(configuration) if load else LoadedScenario()
     end_s = duration_s if configuration.end_s is None else min(configuration.end_s, duration_s)
