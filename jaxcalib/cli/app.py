@@ -82,6 +82,40 @@ def check(case: Path, /) -> int:
 
 
 @app.command
+def new(
+    case: Path,
+    /,
+    *,
+    scenario: Path,
+    drive: Annotated[tuple[tuple[Path, Path], ...], Parameter(consume_multiple=True, negative="")],
+    subject: str | None = None,
+) -> int:
+    """Make a case of a SUMO scenario and logs, which stay where they are, and check it.
+
+    Writes case.toml, with a comment at each line that is a guess. Where the scenario has no subject vehicle, one is
+    added along the logged route, in a route file and a configuration of the case's own.
+
+    Parameters
+    ----------
+    case
+        Folder for the case; it must be empty or not there yet.
+    scenario
+        SUMO configuration (.sumocfg).
+    drive
+        Tables of a drive: the subject vehicle's, then the detected vehicles'. Any number of such pairs.
+    subject
+        Id of the subject vehicle; found, or added, unless given.
+    """
+    from jaxcalib.cli.guarded import guarded
+    from jaxcalib.new_case.new_case import make_case
+
+    def work() -> str:
+        return "\n".join([*make_case(case, scenario, drive, subject), f"{case / 'case.toml'} is written."])
+
+    return guarded(work, "nothing was written.") or check(case)
+
+
+@app.command
 def diagnose(
     case: Path,
     /,
