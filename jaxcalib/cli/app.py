@@ -74,11 +74,17 @@ def check(case: Path, /) -> int:
     case
         Folder with case.toml, the SUMO scenario and the logs.
     """
-    from jaxcalib.cli.check_table import check_table
+    from jaxcalib.cli.check_table import print_check
     from jaxcalib.cli.guarded import guarded
-    from jaxcalib.problem.scenario_check import check_case
+    from jaxcalib.problem.scenario_check import CaseCheck, check_case
 
-    return guarded(lambda: check_table(check_case(case)), "")
+    found: list[CaseCheck] = []
+
+    def work() -> str:
+        found.append(check_case(case))
+        return ""
+
+    return guarded(work, "nothing was changed.") or print_check(found[0])
 
 
 @app.command

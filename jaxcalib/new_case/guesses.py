@@ -42,12 +42,10 @@ class Drivers:
 
 def entrances_of(scenario: Scenario) -> list[Entrance]:
     """The entrances of the route at which vehicles come."""
-    found = []
-    for entrance in found_inputs(scenario):
-        rate_vehph = float(vehph_from_vehps(sum(scenario.mean_rate_vehps(flow) for flow in entrance.flows)))
-        if rate_vehph > 0.0:
-            found.append(Entrance(entrance.id, entrance.flows, rate_vehph))
-    return found
+    return [
+        Entrance(one.id, one.flows, float(vehph_from_vehps(sum(map(scenario.mean_rate_vehps, one.flows)))))
+        for one in found_inputs(scenario)
+    ]
 
 
 def drivers_of(scenario: Scenario) -> Drivers:

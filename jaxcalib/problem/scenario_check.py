@@ -1,34 +1,50 @@
-"""What can be said of a case before any simulation: how well the surrogate can follow it, and what is odd."""
+"""What can be said of a case in seconds: how well the surrogate can follow it, what is odd, and all that is wrong."""
 
 from dataclasses import dataclass
 from pathlib import Path
 
-from jaxcalib.case.case import read_case, require_scenario
+import numpy as np
+
+from jaxcalib.case.case import ScenarioParts, read_case, require_scenario
 from jaxcalib.errors import CaseError
 from jaxcalib.field.field_log import read_drives
-from jaxcalib.problem.problem import found_inputs
-from jaxcalib.problem.problem_checks import check_clock, check_models, coverage_warnings
+from jaxcalib.problem.problem import found_inputs, frame_interval_s, layout_of
+from jaxcalib.problem.problem_checks import (
+    clock_faults,
+    coverage_warnings,
+    drive_faults,
+    input_faults,
+    model_faults,
+)
 from sim_adapters.errors import ScenarioError
 from sim_adapters.scenario.finding import Finding, Level
-from sim_adapters.scenario.scenario import read_scenario
+from sim_adapters.scenario.scenario import Scenario, read_scenario
+from sim_adapters.sumo.first_run import FirstRun, start_first_run
 from sim_adapters.sumo.loading import load_in_sumo
+
+FIRST_RUN_S = 1.5  # computing time of SUMO's first run; what it does not reach shows in the runs before a search
+WORTH_SAYING = 0.05  # share of an entrance's vehicles that wait outside
 
 
 @dataclass(frozen=True)
 class CaseCheck:
-    """What can be said of a case before any simulation.
+    """What can be said of a case in seconds.
 
     Attributes:
         name: the case's name.
         inputs: ids of its inputs, with the flows of each; found in the scenario where the case names none.
         findings: parts of the scenario, those that the surrogate cannot follow first.
         warnings: what a user should know of scenario and logs, one line each.
+        refusals: what is wrong, one line each; with any, nothing else can be done with the case.
+        first_run: what a run of SUMO showed; None where there could be none.
     """
 
     name: str
     inputs: dict[str, tuple[str, ...]]
     findings: tuple[Finding, ...]
     warnings: tuple[str, ...]
+    refusals: tuple[str, ...] = ()
+    first_run: FirstRun | None = None
 
     @property
     def is_left_to_sumo(self) -> bool:
@@ -36,11 +52,15 @@ class CaseCheck:
         return any(finding.level is Level.SUMO_ALONE for finding in self.findings)
 
 
-def check_case(folder: Path | str) -> CaseCheck:
-    """Read a case, have SUMO load its scenario, and lay its logs onto the road.
+def check_case(folder: Path | str, *, first_run_s: float = FIRST_RUN_S) -> CaseCheck:
+    """Read a case, have SUMO load its scenario and begin a run, and lay its logs onto the road.
+
+    Args:
+        folder: the case's folder.
+        first_run_s: how long SUMO's run may compute.
 
     Raises:
-        CaseError: SUMO refuses the scenario, or the case or its logs are wrong; one line says what.
+        CaseError: case.toml or the scenario cannot be read, or SUMO refuses it; one line says what.
     """
     case = read_case(folder)
     parts = require_scenario(case)
@@ -48,11 +68,31 @@ def check_case(folder: Path | str) -> CaseCheck:
         scenario = read_scenario(
             parts.scenario.config_file, parts.subject.vehicle, parts.scenario.duration_s, load_in_sumo
         )
-        check_models(scenario, parts)
-        check_clock(scenario, parts, case)
-        drives = read_drives(case, scenario.row_map)
     except ScenarioError as error:
         raise CaseError(error.file, "", error.message) from None
+    faults = [*model_faults(scenario, parts), *input_faults(scenario, parts)]
+    try:
+        layout_of(parts)
+    except CaseError as error:
+        faults.append(error)
+    of_clock = clock_faults(scenario, parts, case)
+    first_depart_s = min(drive.depart_s for drive in case.drives)
+    wait = None
+    if not of_clock:
+        vehicle, end_s = parts.subject.vehicle, parts.scenario.duration_s
+        wait = start_first_run(scenario, vehicle, first_depart_s, end_s, first_run_s)
+    logs = read_drives(case, scenario.row_map)
+    interval_s = frame_interval_s(scenario.configuration.step_s)
+    is_seen = [bool(np.any(drive.on_clock(interval_s).valid)) for drive in logs.drives]
+    faults += [*of_clock, *logs.refusals, *drive_faults(logs.case, logs.drives, is_seen, interval_s)]
+    refusals, first_run = [str(fault) for fault in faults], None
+    if wait is not None:
+        try:
+            first_run = wait()
+        except ScenarioError as error:
+            refusals.append(str(CaseError(error.file, "", error.message)))
+    if first_run is not None and first_run.is_whole and first_run.entered_s is None:
+        refusals.append(_never_entered(scenario, parts, first_depart_s))
     order = (Level.SUMO_ALONE, Level.APPROXIMATED, Level.BESIDE, Level.FOLLOWED)
     return CaseCheck(
         name=case.name,
@@ -60,7 +100,51 @@ def check_case(folder: Path | str) -> CaseCheck:
         findings=tuple(sorted(scenario.findings, key=lambda finding: order.index(finding.level))),
         warnings=(
             *scenario.warnings,
-            *coverage_warnings(drives, scenario.network.length_m),
-            *(line for drive in drives for line in drive.warnings),
+            *logs.left_out,
+            *coverage_warnings(logs.drives, scenario.network.length_m),
+            *(line for drive in logs.drives for line in drive.warnings),
+            *(_run_warnings(scenario, parts, first_run) if first_run else ()),
         ),
+        refusals=tuple(refusals),
+        first_run=first_run,
+    )
+
+
+def _never_entered(scenario: Scenario, parts: ScenarioParts, depart_s: float) -> str:
+    """Say that the subject vehicle stays outside."""
+    edge = scenario.demand.subject_route[0]
+    expected = (
+        f"expected vehicle '{parts.subject.vehicle}' to enter; in a run of SUMO it waits before edge '{edge}' from "
+        f"{depart_s:g} s to the end. Change its departLane, departPos or departSpeed, or what enters before it."
+    )
+    return str(CaseError(scenario.demand.file, "", expected))
+
+
+def _run_warnings(scenario: Scenario, parts: ScenarioParts, run: FirstRun) -> list[str]:
+    """What a user should know of SUMO's first run."""
+    lines, name, file = [], parts.subject.vehicle, scenario.demand.file.name
+    if run.is_whole and run.entered_s is not None and run.arrived_s is None:
+        where = f"at the end it is on edge '{run.edge}'" if run.edge else "it is taken from the road on the way"
+        lines.append(
+            f"{file}: vehicle '{name}' enters at {run.entered_s:g} s and does not arrive by {run.reached_s:g} s in a "
+            f"run of SUMO; {where}. Raise scenario.duration_s if its drive should be whole."
+        )
+    begin_s = scenario.configuration.begin_s
+    for edge, waiting in run.waiting.items():
+        asked = max(waiting, _asked(scenario, edge, begin_s, run.reached_s))
+        if waiting > WORTH_SAYING * asked:
+            lines.append(
+                f"{file}: flows from edge '{edge}': {waiting} vehicles wait outside at {run.reached_s:g} s in a run of "
+                f"SUMO, of about {asked:.0f} that were to enter: more than its lanes take in. Inflows beyond that "
+                "change nothing, and cannot be found."
+            )
+    return lines
+
+
+def _asked(scenario: Scenario, edge: str, begin_s: float, now_s: float) -> float:
+    """Vehicles that flows have brought to an edge by now, on average."""
+    return sum(
+        flow.rate_vehps * max(0.0, min(flow.end_s, now_s) - max(flow.begin_s, begin_s))
+        for flow in scenario.flows
+        if flow.route[0] == edge
     )

@@ -70,8 +70,8 @@ WRONG = {
     "another model": (replaced("case.toml", '"IDM"', '"W99"'), "car_following|parameters"),
     "an unknown model": (replaced("case.toml", '"IDM"', '"Wiedemann"'), "car_following"),
     "a DOCTYPE": (replaced(DEMAND, "<routes", "<!DOCTYPE routes [<!ENTITY a 'b'>]>\n<routes"), "demand.rou.xml"),
-    "a configuration that leaves the folder": (
-        replaced(CONFIG, r'value="net\.net\.xml"', 'value="../../../net.net.xml"'), "scenario.sumocfg"),
+    "a network elsewhere that is not there": (
+        replaced(CONFIG, r'value="net\.net\.xml"', 'value="../../../net.net.xml"'), "net.net.xml"),
 }  # fmt: skip
 
 
