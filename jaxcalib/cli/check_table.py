@@ -22,7 +22,7 @@ def check_table(check: CaseCheck) -> str:
     with console.capture() as captured:
         if check.findings:
             console.print(table)
-        else:
+        elif not check.refusals:
             console.print(f"The surrogate follows every part of the scenario of {check.name}.")
         for name, flows in check.inputs.items():
             console.print(f"input {name}: {len(flows)} flows", highlight=False)
@@ -38,7 +38,8 @@ def check_table(check: CaseCheck) -> str:
 
 def print_check(check: CaseCheck) -> int:
     """Print the table, and what is wrong on standard error; return the exit code."""
-    print(check_table(check))
+    if table := check_table(check):
+        print(table)
     for line in check.refusals:
         print(f"jaxcalib: {line}", file=sys.stderr)
     return EXIT_CASE_WRONG if check.refusals else 0

@@ -148,6 +148,24 @@ def read_drives(case: Case, row_map: RowMap, rules: CleaningRules | None = None)
     )
 
 
+def table_faults(case: Case) -> list[CaseError]:
+    """What is wrong with the drives' tables by themselves, wherever the road may lie."""
+    faults = []
+    for drive in case.drives:
+        for read, file in ((read_subject_log, drive.subject_file), (read_object_log, drive.objects_file)):
+            try:
+                read(file, *_clock_of(case, drive))
+            except EmptyLogError:
+                continue  # such a drive is left out
+            except CaseError as error:
+                faults.append(error)
+    return faults
+
+
+def _clock_of(case: Case, drive: Drive) -> tuple[float, float]:
+    return drive.depart_s - EARLY_START_S, case.scenario.duration_s if case.scenario else np.inf
+
+
 def read_drive(
     case: Case,
     drive: Drive,
@@ -169,10 +187,8 @@ def read_drive(
             `jaxcalib.field.matched_subject` and `jaxcalib.field.matched_objects`.
     """
     geometry = geometry or build_route_geometry(row_map)
-    earliest_s = drive.depart_s - EARLY_START_S
-    latest_s = case.scenario.duration_s if case.scenario else np.inf
-    subject_log = read_subject_log(drive.subject_file, earliest_s, latest_s)
-    object_log = read_object_log(drive.objects_file, earliest_s, latest_s)
+    subject_log = read_subject_log(drive.subject_file, *_clock_of(case, drive))
+    object_log = read_object_log(drive.objects_file, *_clock_of(case, drive))
     rules = rules or rules_for(subject_log.sampling_s)
     subject = match_subject(geometry, subject_log)
     objects = match_objects(geometry, object_log, subject_log, subject)

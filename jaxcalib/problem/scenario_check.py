@@ -1,5 +1,6 @@
 """What can be said of a case in seconds: how well the surrogate can follow it, what is odd, and all that is wrong."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -7,7 +8,7 @@ import numpy as np
 
 from jaxcalib.case.case import ScenarioParts, read_case, require_scenario
 from jaxcalib.errors import CaseError
-from jaxcalib.field.field_log import read_drives
+from jaxcalib.field.field_log import read_drives, table_faults
 from jaxcalib.problem.problem import found_inputs, frame_interval_s, layout_of
 from jaxcalib.problem.problem_checks import (
     clock_faults,
@@ -17,6 +18,7 @@ from jaxcalib.problem.problem_checks import (
     model_faults,
 )
 from sim_adapters.errors import ScenarioError
+from sim_adapters.scenario.demand_file import Flow
 from sim_adapters.scenario.finding import Finding, Level
 from sim_adapters.scenario.scenario import Scenario, read_scenario
 from sim_adapters.sumo.first_run import FirstRun, start_first_run
@@ -24,6 +26,7 @@ from sim_adapters.sumo.loading import load_in_sumo
 
 FIRST_RUN_S = 1.5  # computing time of SUMO's first run; what it does not reach shows in the runs before a search
 WORTH_SAYING = 0.05  # share of an entrance's vehicles that wait outside
+FEW_WAIT = 5  # vehicles wait for a gap where nothing is too much
 
 
 @dataclass(frozen=True)
@@ -60,7 +63,7 @@ def check_case(folder: Path | str, *, first_run_s: float = FIRST_RUN_S) -> CaseC
         first_run_s: how long SUMO's run may compute.
 
     Raises:
-        CaseError: case.toml or the scenario cannot be read, or SUMO refuses it; one line says what.
+        CaseError: case.toml cannot be read; one line says what.
     """
     case = read_case(folder)
     parts = require_scenario(case)
@@ -69,7 +72,8 @@ def check_case(folder: Path | str, *, first_run_s: float = FIRST_RUN_S) -> CaseC
             parts.scenario.config_file, parts.subject.vehicle, parts.scenario.duration_s, load_in_sumo
         )
     except ScenarioError as error:
-        raise CaseError(error.file, "", error.message) from None
+        faults = [*(CaseError(one.file, "", one.message) for one in (error, *error.others)), *table_faults(case)]
+        return CaseCheck(case.name, {}, (), (), tuple(map(str, faults)))
     faults = [*model_faults(scenario, parts), *input_faults(scenario, parts)]
     try:
         layout_of(parts)
@@ -112,39 +116,55 @@ def check_case(folder: Path | str, *, first_run_s: float = FIRST_RUN_S) -> CaseC
 
 def _never_entered(scenario: Scenario, parts: ScenarioParts, depart_s: float) -> str:
     """Say that the subject vehicle stays outside."""
-    edge = scenario.demand.subject_route[0]
+    demand, edge = scenario.demand, scenario.demand.subject_route[0]
+    vclass = demand.vtypes[demand.subject_vtype].get("vClass", "passenger")
+    if _is_closed(scenario, edge, vclass):
+        why = f"no lane of that edge is open to its vClass '{vclass}' (allow and disallow in the network)."
+    else:
+        why = "change its departLane, departPos or departSpeed, or what enters before it."
     expected = (
         f"expected vehicle '{parts.subject.vehicle}' to enter; in a run of SUMO it waits before edge '{edge}' from "
-        f"{depart_s:g} s to the end. Change its departLane, departPos or departSpeed, or what enters before it."
+        f"{depart_s:g} s to the end: {why}"
     )
-    return str(CaseError(scenario.demand.file, "", expected))
+    return str(CaseError(demand.file, "", expected))
+
+
+def _is_closed(scenario: Scenario, edge: str, vclass: str) -> bool:
+    """Whether no lane of an edge is open to a vehicle class."""
+    return not any(lane.allows(vclass) for lane in scenario.network.net.getEdge(edge).getLanes())
 
 
 def _run_warnings(scenario: Scenario, parts: ScenarioParts, run: FirstRun) -> list[str]:
     """What a user should know of SUMO's first run."""
-    lines, name, file = [], parts.subject.vehicle, scenario.demand.file.name
+    lines, demand = [], scenario.demand
     if run.is_whole and run.entered_s is not None and run.arrived_s is None:
         where = f"at the end it is on edge '{run.edge}'" if run.edge else "it is taken from the road on the way"
         lines.append(
-            f"{file}: vehicle '{name}' enters at {run.entered_s:g} s and does not arrive by {run.reached_s:g} s in a "
-            f"run of SUMO; {where}. Raise scenario.duration_s if its drive should be whole."
+            f"{demand.file.name}: vehicle '{parts.subject.vehicle}' enters at {run.entered_s:g} s and does not arrive "
+            f"by {run.reached_s:g} s in a run of SUMO; {where}. Raise scenario.duration_s, or mend what holds it, if "
+            "its drive should be whole."
         )
-    begin_s = scenario.configuration.begin_s
     for edge, waiting in run.waiting.items():
-        asked = max(waiting, _asked(scenario, edge, begin_s, run.reached_s))
-        if waiting > WORTH_SAYING * asked:
-            lines.append(
-                f"{file}: flows from edge '{edge}': {waiting} vehicles wait outside at {run.reached_s:g} s in a run of "
-                f"SUMO, of about {asked:.0f} that were to enter: more than its lanes take in. Inflows beyond that "
-                "change nothing, and cannot be found."
-            )
+        flows = [flow for flow in scenario.demand.flows if flow.route[0] == edge]
+        asked = max(waiting, _asked(flows, scenario.configuration.begin_s, run.reached_s))
+        if waiting <= max(WORTH_SAYING * asked, FEW_WAIT):
+            continue
+        closed = {vclass for vclass in _vclasses(scenario, flows) if _is_closed(scenario, edge, vclass)}
+        if closed:
+            why = f"no lane of that edge is open to {', '.join(sorted(closed))} (allow and disallow in the network)."
+        else:
+            why = "more than its lanes take in. Inflows beyond that change nothing, and cannot be found."
+        lines.append(
+            f"{demand.file_at(edge).name}: flows from edge '{edge}': at {run.reached_s:g} s in a run of SUMO {waiting} "
+            f"vehicles wait outside, of about {asked:.0f} that were to enter: {why}"
+        )
     return lines
 
 
-def _asked(scenario: Scenario, edge: str, begin_s: float, now_s: float) -> float:
-    """Vehicles that flows have brought to an edge by now, on average."""
-    return sum(
-        flow.rate_vehps * max(0.0, min(flow.end_s, now_s) - max(flow.begin_s, begin_s))
-        for flow in scenario.flows
-        if flow.route[0] == edge
-    )
+def _vclasses(scenario: Scenario, flows: Sequence[Flow]) -> set[str]:
+    return {scenario.demand.vtypes[flow.vtype].get("vClass", "passenger") for flow in flows}
+
+
+def _asked(flows: Sequence[Flow], begin_s: float, now_s: float) -> float:
+    """Vehicles that flows have brought by now, on average."""
+    return sum(flow.rate_vehps * max(0.0, min(flow.end_s, now_s) - max(flow.begin_s, begin_s)) for flow in flows)

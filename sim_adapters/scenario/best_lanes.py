@@ -3,7 +3,8 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from sim_adapters.scenario.route_network import LaneKey, RouteNetwork
+from sim_adapters.scenario.route_lane import LaneKey
+from sim_adapters.scenario.route_network import RouteNetwork
 
 LOOK_AHEAD_M = 3000.0  # SUMO looks no further along the route,
 LOOK_AHEAD_EDGES = 9  # and at no more edges (measured with getBestLanes of SUMO 1.28)
@@ -54,8 +55,9 @@ def _outlooks(
     connected = [index for lane in lanes for index in _into(lane.successors, next_edge)]
     for lane in lanes:
         targets = _into(lane.successors, next_edge)
-        outlook = LaneOutlook(offset=0, length_m=length_m, continues=next_edge is None or bool(targets))
-        if following is not None and targets:
+        continues = lane.is_open and (next_edge is None or bool(targets))
+        outlook = LaneOutlook(offset=0, length_m=length_m if lane.is_open else 0.0, continues=continues)
+        if following is not None and targets and lane.is_open:
             best_connected_m = max(following[index].length_m for index in connected)
             best_m = max(next_outlook.length_m for next_outlook in following)
             target = min((following[index] for index in targets), key=lambda o: (-o.length_m, abs(o.offset)))

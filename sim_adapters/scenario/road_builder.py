@@ -7,7 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from sim_adapters.scenario.best_lanes import best_lanes
-from sim_adapters.scenario.route_network import LaneKey, RouteLane, RouteNetwork
+from sim_adapters.scenario.route_lane import LaneKey, RouteLane
+from sim_adapters.scenario.route_network import RouteNetwork
 from surrogate.road.road import Road
 
 CELL_LENGTH_M = 2.0

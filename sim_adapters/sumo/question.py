@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import subprocess
 import sys
 from collections.abc import Callable, Sequence
@@ -9,6 +10,16 @@ from typing import Any
 
 ANSWER = "jaxcalib answer: "
 MOST_LINES = 20
+EXCEPTION = "TraCIException: "  # of libsumo; SUMO's words follow
+HINTS = {
+    r"ehicle type '.*' .*is not known": "Define that vType, or name another.",
+    r"route '.*' .*is not known": "Define that route, or name another.",
+    "Invalid repetition probability": 'It must lie between 0 and 1; period="exp(RATE)" takes any rate per second.',
+    "Unknown car following model": "carFollowModel must be one of SUMO's models.",
+    "On processing option": "Correct that option of the configuration, or leave it out.",
+    r"Another .* with the id": "Give each an id of its own.",
+    "network error": "Mend the network: netedit, or netconvert -s OLD.net.xml -o NEW.net.xml.",
+}
 
 Answer = tuple[dict[str, Any] | None, list[str]]
 
@@ -48,6 +59,9 @@ def start_worker(module: str, question: dict[str, Any], longest_s: float) -> Cal
 
 
 def refusal(lines: Sequence[str]) -> str:
-    """What SUMO said when it refused."""
+    """What SUMO said when it refused, and what can be done about it where its words do not say so."""
     errors = [line.removeprefix("Error: ") for line in lines if line.startswith("Error: ")]
-    return " ".join(errors[:MOST_LINES]) or " ".join(lines[-3:])
+    errors = [line for line in errors if line] or [line.partition(EXCEPTION)[2] for line in lines if EXCEPTION in line]
+    words = " ".join(dict.fromkeys(errors[:MOST_LINES])) or " ".join(lines[-3:])
+    hint = next((hint for said, hint in HINTS.items() if re.search(said, words)), "")
+    return f"{words.rstrip('. ')}. {hint}".rstrip()

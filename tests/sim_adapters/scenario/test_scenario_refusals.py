@@ -128,7 +128,8 @@ def test_files_may_lie_anywhere(own_corridor: Path, tmp_path: Path, is_absolute:
         (DEMAND, 'id="ego" type="subject"', 'id="ego" type="robot"', "'robot'"),
         (DEMAND, 'id="ego"', 'id="other"', "'ego'"),
         (DEMAND, 'route="r_main_e"', 'route="r_nowhere"', "'r_nowhere'"),
-        (DEMAND, 'edges="in1 on1 m3 m4 m5 m6 off1"', 'edges="in1 on1 m3 m4 m55"', None),
+        (DEMAND, 'edges="in1 on1 m3 m4 m5 m6 off1"', 'edges="in1 on1 m3 m4 m55"', "flow 'f_on1_o1'"),
+        (DEMAND, 'edges="in1 on1 m3 m4 m5 m6 off1"', 'edges="in1 m4 m5 m6 off1"', "from edge 'in1' to 'm4'"),
         (DEMAND, 'tau="1.0"', 'tau="long"', "'tau'"),
         (DEMAND, 'period="exp(0.130000)"', 'period="exp(often)"', "period"),
         (DEMAND, 'period="exp(0.130000)"', "", "expected period"),
@@ -138,8 +139,8 @@ def test_files_may_lie_anywhere(own_corridor: Path, tmp_path: Path, is_absolute:
 )
 def test_what_is_wrong_is_named(own_corridor: Path, name: str, old: str, new: str, expected: str | None):
     spoil(own_corridor, name, old, new)
-    # a path that leads nowhere is said of the file that is not there, an edge of the network that lacks it
-    named = {'"nothing.rou.xml"': "nothing.rou.xml", 'edges="in1 on1 m3 m4 m55"': NET}.get(new, name)
+    # a path that leads nowhere is said of the file that is not there
+    named = "nothing.rou.xml" if new == '"nothing.rou.xml"' else name
     line = refusal(own_corridor, named)
     assert expected is None or expected in line
 
