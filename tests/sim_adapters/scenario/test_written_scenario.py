@@ -166,3 +166,18 @@ def test_flows_that_begin_later_stand_behind_who_departs_before(
     timed = [one for one in ET.parse(written.files[-1]).getroot() if one.tag in ("flow", "vehicle")]
     times = [float(one.get("depart") or one.get("begin") or 0.0) for one in timed]
     assert times == sorted(times) == [0.0, 0.0, 300.0, 340.0, 350.0, 350.0, 380.0]
+
+
+def test_the_vtype_that_no_file_names_is_written_where_it_is_calibrated(own_corridor: Path, tmp_path: Path):
+    demand = own_corridor / "scenario/demand.rou.xml"
+    demand.write_text(demand.read_text().replace('type="car" ', ""))
+    scenario = read_scenario(own_corridor / "scenario/scenario.sumocfg", "ego", 720.0)
+    assert {flow.vtype for flow in scenario.flows} == {"DEFAULT_VEHTYPE"}
+    layout = ParameterLayout((), (), ("DEFAULT_VEHTYPE",), ("tau", "sigma"))
+    written = write_scenario(scenario, layout, [1.4, 0.3], DEPART_S, "ego", tmp_path)
+    first = ET.parse(written.files[0]).getroot()[0]
+    assert (first.tag, first.get("id"), first.get("tau")) == ("vType", "DEFAULT_VEHTYPE", "1.4")
+    from sim_adapters.scenario.configuration import read_configuration
+    from sim_adapters.sumo.loading import load_in_sumo
+
+    assert load_in_sumo(read_configuration(written.config)).vtypes["DEFAULT_VEHTYPE"]["tau"] == 1.4
