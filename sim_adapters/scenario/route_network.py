@@ -28,6 +28,7 @@ class RouteNetwork:
         junction_lanes: internal lanes on the route: id -> (lane before it, where it begins on the axis).
         net: the sumolib network, for projections and shapes.
         findings: what of it the surrogate cannot follow.
+        is_left_hand: whether traffic drives on the left, so that lane 0 is the leftmost.
     """
 
     file: Path
@@ -38,6 +39,7 @@ class RouteNetwork:
     junction_lanes: dict[str, tuple[LaneKey, float]]
     net: Any = field(repr=False, compare=False)
     findings: tuple[Finding, ...] = ()
+    is_left_hand: bool = False
 
     def edge_lanes(self, edge: str) -> list[RouteLane]:
         """Return the lanes of an edge from right to left."""
@@ -63,6 +65,7 @@ def read_route_network(
     routes: Sequence[Sequence[str]],
     vclasses: Sequence[str] = ("passenger",),
     users: Mapping[Route, RouteUser] | None = None,
+    is_left_hand: bool = False,
 ) -> RouteNetwork:
     """Read the lanes along a route.
 
@@ -72,6 +75,7 @@ def read_route_network(
         routes: edges of all routes in the demand; what lies off the subject vehicle's route becomes a ramp.
         vclasses: SUMO's vehicle classes of the traffic.
         users: who drives along each route, for messages.
+        is_left_hand: whether traffic drives on the left.
 
     Raises:
         ScenarioError: a route has an edge that the network lacks, or two edges that are not connected.
@@ -97,6 +101,7 @@ def read_route_network(
         junction_lanes=_junction_lanes(net, lanes),
         net=net,
         findings=tuple(counted([*findings, *merging_lanes(file, lanes), *forking_lanes(file, lanes)])),
+        is_left_hand=is_left_hand,
     )
 
 

@@ -126,7 +126,7 @@ def read_scenario(
     main_edges = demand.subject_route
     vclasses = {demand.vtypes[flow.vtype].get("vClass", "passenger") for flow in all_flows}
     routes, users = [flow.route for flow in all_flows], _users(demand, subject_vehicle)
-    network = read_route_network(configuration.net_file, main_edges, routes, sorted(vclasses), users)
+    network = read_route_network(configuration.net_file, main_edges, routes, sorted(vclasses), users, is_left_hand)
     flows = tuple(flow for flow in all_flows if any(edge in main_edges for edge in flow.route))
     warnings = [*configuration.ignored, *loaded.warnings]
     if len(flows) < len(all_flows):
@@ -158,8 +158,8 @@ def read_scenario(
         *network.findings,
     ]
     if is_left_hand:
-        words = "left-hand traffic; the surrogate drives on the right"
-        findings.append(Finding(Level.SUMO_ALONE, configuration.net_file.name, "attribute 'lefthand' of <net>", words))
+        words = "left-hand traffic, mirrored; lane 1 of the logs is the rightmost, the network's last"
+        findings.append(Finding(Level.FOLLOWED, configuration.net_file.name, "attribute 'lefthand' of <net>", words))
     return replace(scenario, findings=tuple(_placed(demand, finding) for finding in findings))
 
 

@@ -207,6 +207,8 @@ def _write_configuration(
         ("time", {"begin": _text(configuration.begin_s), "step-length": _text(configuration.step_s)}),
         ("processing", dict(configuration.processing) | dict(processing)),
     ):
+        if not options:  # SUMO complains of empty sections
+            continue
         element = ET.SubElement(root, section)
         for option, value in options.items():
             ET.SubElement(element, option, value=value)

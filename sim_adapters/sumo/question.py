@@ -11,6 +11,7 @@ from typing import Any
 ANSWER = "jaxcalib answer: "
 MOST_LINES = 20
 EXCEPTION = re.compile(r"TraCI(?:Exception|Error): (.+)")  # of libsumo, with SUMO's words
+SAID_BEFORE = ("Process Error", "Could not parse commandline options.")  # the reason stands on standard error
 HINTS = {
     r"ehicle type '.*' .*is not known": "Define that vType, or name another.",
     r"route '.*' .*is not known": "Define that route, or name another.",
@@ -60,8 +61,8 @@ def start_worker(module: str, question: dict[str, Any], longest_s: float) -> Cal
 
 def refusal(lines: Sequence[str]) -> str:
     """What SUMO said when it refused, and what can be done about it where its words do not say so."""
+    thrown = [found[1] for line in lines if (found := EXCEPTION.search(line)) and found[1] not in SAID_BEFORE]
     errors = [line.removeprefix("Error: ") for line in lines if line.startswith("Error: ")]
-    errors = [line for line in errors if line] or [found[1] for line in lines if (found := EXCEPTION.search(line))]
-    words = " ".join(dict.fromkeys(errors[:MOST_LINES])) or " ".join(lines[-3:])
+    words = " ".join(thrown[-1:] or dict.fromkeys(errors[:MOST_LINES])) or " ".join(lines[-3:])
     hint = next((hint for said, hint in HINTS.items() if re.search(said, words)), "")
     return f"{words.rstrip('. ')}. {hint}".rstrip()

@@ -71,9 +71,11 @@ def test_a_closed_lane_at_the_entrance_serves_no_route(own_corridor: Path):
     assert [outlook.continues for outlook in outlooks] == [True, False, True]
 
 
-def test_left_hand_traffic_is_left_to_sumo(own_corridor: Path):
-    (finding,) = read_with(own_corridor, ("<net ", '<net lefthand="true" ')).findings
-    assert finding.level is Level.SUMO_ALONE
+def test_left_hand_traffic_is_told(own_corridor: Path):
+    scenario = read_with(own_corridor, ("<net ", '<net lefthand="true" '))
+    assert scenario.network.is_left_hand
+    (finding,) = scenario.findings
+    assert finding.level is Level.FOLLOWED
     assert "left-hand" in finding.words
 
 
