@@ -122,7 +122,7 @@ def corridor_folder() -> Path:
 def corridor() -> "Scenario":
     from sim_adapters.scenario.scenario import read_scenario
 
-    return read_scenario(CORRIDOR / "scenario/scenario.sumocfg", CORRIDOR, "ego", 720.0)
+    return read_scenario(CORRIDOR / "scenario/scenario.sumocfg", "ego", 720.0)
 
 
 @pytest.fixture

@@ -41,7 +41,7 @@ FileStem = Annotated[
         description=f"text of 1 to {LONGEST_NAME} characters without / and \\, not beginning with a dot",
     ),
 ]
-FilePath = Annotated[str, Meta(min_length=1, max_length=4096, description="the path of a file in the case's folder")]
+FilePath = Annotated[str, Meta(min_length=1, max_length=4096, description="the path of a file")]
 Names = Annotated[tuple[Name, ...], Meta(min_length=1, description="a list of at least one name")]
 
 

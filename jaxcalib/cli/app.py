@@ -74,11 +74,51 @@ def check(case: Path, /) -> int:
     case
         Folder with case.toml, the SUMO scenario and the logs.
     """
-    from jaxcalib.cli.check_table import check_table
+    from jaxcalib.cli.check_table import print_check
     from jaxcalib.cli.guarded import guarded
-    from jaxcalib.problem.scenario_check import check_case
+    from jaxcalib.problem.scenario_check import CaseCheck, check_case
 
-    return guarded(lambda: check_table(check_case(case)), "")
+    found: list[CaseCheck] = []
+
+    def work() -> str:
+        found.append(check_case(case))
+        return ""
+
+    return guarded(work, "nothing was changed.") or print_check(found[0])
+
+
+@app.command
+def new(
+    case: Path,
+    /,
+    *,
+    scenario: Path,
+    drive: Annotated[tuple[tuple[Path, Path], ...], Parameter(consume_multiple=True, negative="")],
+    subject: str | None = None,
+) -> int:
+    """Make a case of a SUMO scenario and logs, which stay where they are, and check it.
+
+    Writes case.toml, with a comment at each line that is a guess. Where the scenario has no subject vehicle, one is
+    added along the logged route, in a route file and a configuration of the case's own.
+
+    Parameters
+    ----------
+    case
+        Folder for the case; it must be empty or not there yet.
+    scenario
+        SUMO configuration (.sumocfg).
+    drive
+        Tables of a drive: the subject vehicle's, then the detected vehicles'. Any number of such pairs.
+    subject
+        Id of the subject vehicle; found, or added, unless given.
+    """
+    from jaxcalib.cli.guarded import guarded
+    from jaxcalib.new_case.new_case import make_case
+
+    def work() -> str:
+        return "\n".join([*make_case(case, scenario, drive, subject), f"{case / 'case.toml'} is written."])
+
+    return guarded(work, "nothing was written.") or check(case)
 
 
 @app.command

@@ -5,10 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jaxcalib.case.case import Case, Drive, Role
+from jaxcalib.case.case import ROLES, Case, Drive, Role
+from jaxcalib.errors import CaseError, quote
 from jaxcalib.field.even_clock import EvenDrive, to_even_clock
 from jaxcalib.field.log_cleaning import GAP_TOLERANCE, CleaningRules, clean_tracks, rules_for
-from jaxcalib.field.log_tables import EARLY_START_S, read_object_log, read_subject_log
+from jaxcalib.field.log_tables import EARLY_START_S, EmptyLogError, read_object_log, read_subject_log
 from jaxcalib.field.matched_objects import match_objects
 from jaxcalib.field.matched_subject import match_subject
 from jaxcalib.field.route_geometry import RouteGeometry, build_route_geometry
@@ -104,10 +105,65 @@ class DriveLog:
         return dataclasses.replace(frames, valid=even.valid)
 
 
-def read_drives(case: Case, row_map: RowMap, rules: CleaningRules | None = None) -> tuple[DriveLog, ...]:
-    """Read all drives of a case; see `read_drive`."""
+@dataclass(frozen=True)
+class DriveLogs:
+    """The drives of a case that have rows.
+
+    Attributes:
+        case: the case with these drives alone.
+        drives: their logs.
+        left_out: one line for each drive without rows.
+        refusals: what is wrong with the others.
+    """
+
+    case: Case
+    drives: tuple[DriveLog, ...]
+    left_out: tuple[str, ...]
+    refusals: tuple[CaseError, ...]
+
+
+def read_drives(case: Case, row_map: RowMap, rules: CleaningRules | None = None) -> DriveLogs:
+    """Read all drives of a case, see `read_drive`; those without rows are left out, unless a role has none left."""
     geometry = build_route_geometry(row_map)
-    return tuple(read_drive(case, drive, row_map, geometry, rules) for drive in case.drives)
+    there: list[tuple[Drive, DriveLog]] = []
+    empty: list[tuple[Drive, EmptyLogError]] = []
+    refusals: list[CaseError] = []
+    for drive in case.drives:
+        try:
+            there.append((drive, read_drive(case, drive, row_map, geometry, rules)))
+        except EmptyLogError as error:
+            empty.append((drive, error))
+        except CaseError as error:
+            refusals.append(error)
+    for role in ROLES:
+        files = [drive.subject_file for drive, _ in empty if drive.role == role]
+        if files and len(files) == len(case.drives_of(role)):
+            expected = f"expected rows in one of the drives with role {quote(role)} at least; there are none."
+            refusals.append(CaseError(files[0], "", expected))
+    return DriveLogs(
+        case=dataclasses.replace(case, drives=tuple(drive for drive, _ in there)),
+        drives=tuple(log for _, log in there),
+        left_out=tuple(f"drive {drive.id} is left out: {error}" for drive, error in empty),
+        refusals=tuple(refusals),
+    )
+
+
+def table_faults(case: Case) -> list[CaseError]:
+    """What is wrong with the drives' tables by themselves, wherever the road may lie."""
+    faults = []
+    for drive in case.drives:
+        for read, file in ((read_subject_log, drive.subject_file), (read_object_log, drive.objects_file)):
+            try:
+                read(file, *_clock_of(case, drive))
+            except EmptyLogError:
+                continue  # such a drive is left out
+            except CaseError as error:
+                faults.append(error)
+    return faults
+
+
+def _clock_of(case: Case, drive: Drive) -> tuple[float, float]:
+    return drive.depart_s - EARLY_START_S, case.scenario.duration_s if case.scenario else np.inf
 
 
 def read_drive(
@@ -131,10 +187,8 @@ def read_drive(
             `jaxcalib.field.matched_subject` and `jaxcalib.field.matched_objects`.
     """
     geometry = geometry or build_route_geometry(row_map)
-    earliest_s = drive.depart_s - EARLY_START_S
-    latest_s = case.scenario.duration_s if case.scenario else np.inf
-    subject_log = read_subject_log(drive.subject_file, earliest_s, latest_s)
-    object_log = read_object_log(drive.objects_file, earliest_s, latest_s)
+    subject_log = read_subject_log(drive.subject_file, *_clock_of(case, drive))
+    object_log = read_object_log(drive.objects_file, *_clock_of(case, drive))
     rules = rules or rules_for(subject_log.sampling_s)
     subject = match_subject(geometry, subject_log)
     objects = match_objects(geometry, object_log, subject_log, subject)

@@ -44,6 +44,10 @@ OBJECT_COLUMNS: Mapping[str, Kind] = {
 }
 
 
+class EmptyLogError(CaseError):
+    """A table of the subject vehicle that has no drive in it."""
+
+
 @dataclass(frozen=True)
 class SubjectLog:
     """The subject vehicle, one row per time stamp, in time order; nan where the log has no value.
@@ -124,13 +128,14 @@ def read_subject_log(
         limit: what the file may grow to.
 
     Raises:
+        EmptyLogError: the table has no two rows.
         CaseError: see `read_columns`; times that do not increase or lie outside the scenario's clock; a sampling rate
             outside of 1 to 25 Hz; a value that the quantity cannot have.
     """
     kind, columns = place_columns(file, column_names(file))
     table = read_columns(file, {**SUBJECT_COLUMNS, **columns}, limit)
     if table.num_rows < 2:
-        raise CaseError(file, "", f"expected at least two rows of data, got {table.num_rows}.")
+        raise EmptyLogError(file, "", f"expected at least two rows of data, got {table.num_rows}.")
     time_s = table.numbers["time_s"]
     _check_time(table, earliest_s, latest_s)
     step_s = np.diff(time_s)

@@ -45,16 +45,17 @@ class LoggedPlace:
         return np.asarray(empty | np.isnan(self.second), bool)
 
     def points(self, geometry: RouteGeometry, rows: np.ndarray) -> np.ndarray:
-        """Points (x, y) in the network's plane, [row, 2]; inf where they lie outside of what can be mapped.
+        """Points (x, y) in the geometry's plane, [row, 2]; inf where they lie outside of what can be mapped.
 
         A place on an edge is that on its rightmost lane; the lane's number tells the lane.
         """
         first, second = self.first[rows], self.second[rows]
         if self.kind == "plane":
-            return np.stack([first.astype(float), second], axis=-1)
+            return geometry.mirrored(np.stack([first.astype(float), second], axis=-1))
         if self.kind == "globe":
             x, y = geometry.projection(np.degrees(first.astype(float)), np.degrees(second))
-            return np.stack([np.asarray(x), np.asarray(y)], axis=-1) + np.asarray(geometry.net_offset_m)
+            points = np.stack([np.asarray(x), np.asarray(y)], axis=-1) + np.asarray(geometry.net_offset_m)
+            return geometry.mirrored(points)
         number = {edge: index for index, edge in enumerate(geometry.edges)}
         points = np.full((len(rows), 2), np.inf)
         for index, (edge, position_m) in enumerate(zip(first, second, strict=True)):

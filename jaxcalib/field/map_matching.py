@@ -145,11 +145,13 @@ def match_lanes(
     reached = (candidates == inside) & (from_end_m <= BORDER_REACH_M)
     reached[:, 0] = True
 
-    index = np.where(given, lane - 1, 0)[:, None]
-    has_lane = index < geometry.num_lanes[inside]
+    num_lanes = geometry.num_lanes[inside]
+    from_first = num_lanes - lane[:, None] if geometry.is_mirrored else np.broadcast_to(lane[:, None] - 1, inside.shape)
+    index = np.where(given[:, None], from_first, 0)
+    has_lane = (index >= 0) & (index < num_lanes)
     exists = reached & has_lane
     is_nearby = ((candidates == inside) & (from_end_m <= MAP_REACH_M) & has_lane).any(axis=1)
-    column = np.minimum(index, geometry.row_of_lane.shape[1] - 1)
+    column = np.clip(index, 0, geometry.row_of_lane.shape[1] - 1)
     lateral = across_m[:, None] - geometry.lane_centre_m[inside, column]
     fits = exists & (np.abs(lateral) <= geometry.lane_width_m[inside, column] / 2 + LANE_TOLERANCE_M)
     # The lane that fits counts first, then the one that is there; among equals the likely edge, then the nearer one.
@@ -159,7 +161,7 @@ def match_lanes(
 
     from_across = _lane_across(geometry, across_m, edge)
     chosen_edge = np.where(given, np.take_along_axis(inside, choice[:, None], axis=1)[:, 0], edge)
-    chosen_lane = np.where(given, column[:, 0], from_across)
+    chosen_lane = np.where(given, np.take_along_axis(column, choice[:, None], axis=1)[:, 0], from_across)
     is_there = np.where(given, np.take_along_axis(exists, choice[:, None], axis=1)[:, 0], placed)
     lateral = across_m - geometry.lane_centre_m[chosen_edge, chosen_lane]
     is_near = np.abs(lateral) <= geometry.lane_width_m[chosen_edge, chosen_lane] / 2 + np.where(

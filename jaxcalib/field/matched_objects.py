@@ -68,7 +68,7 @@ def match_objects(
     keep &= on_route
 
     subject_across_m = lane_centre_m(geometry, subject.edge, table.row) + table.lateral_m
-    across_m = subject_across_m[instant] + log.relative_y_m
+    across_m = subject_across_m[instant] + (-log.relative_y_m if geometry.is_mirrored else log.relative_y_m)
     edge = geometry.edge_at(position_m)
     lanes = match_lanes(geometry, position_m, across_m, log.lane, edge)
     rows_misplaced = refuse_lanes(geometry, log.file, np.arange(len(keep)), log.lane, keep, lanes)

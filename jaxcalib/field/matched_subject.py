@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from jaxcalib.errors import CaseError
-from jaxcalib.field.log_checks import refuse_if_most, refuse_lanes, unread_columns
+from jaxcalib.field.log_checks import MOST_WRONG, refuse_if_most, refuse_lanes, unread_columns
 from jaxcalib.field.log_tables import SubjectLog
 from jaxcalib.field.map_matching import (
     BORDER_REACH_M,
@@ -67,9 +67,10 @@ def match_subject(geometry: RouteGeometry, log: SubjectLog) -> MatchedSubject:
         index = int(np.argmax(far))
         distance = f"{point.distance_m[index]:.0f} m away" if reached[index] else "off the route"
         place = f"{row_place(int(log_row[index]))}, columns {log.place.columns}"
-        raise CaseError(
-            log.file, place, f"expected a place within {FARTHEST_FROM_ROUTE_M:g} m of the route, got one {distance}."
-        )
+        expected = f"expected a place within {FARTHEST_FROM_ROUTE_M:g} m of the route, got one {distance}"
+        share = float(np.mean(far))
+        also = f", and so in {share:.0%} of the rows. Is it the log of another road?" if share > MOST_WRONG else "."
+        raise CaseError(log.file, place, expected + also)
     edge, num_contradicting_roads = _edge_of_road(geometry, log.road[log_row], point.position_m)
     across_m = lane_centre_m(geometry, geometry.edge_at(point.position_m), point.row) + point.lateral_m
     lanes = match_lanes(geometry, point.position_m, across_m, log.lane[log_row], edge)

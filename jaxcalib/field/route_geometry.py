@@ -37,6 +37,8 @@ class RouteGeometry:
         lane_width_m: its width.
         projection: of the network, from longitude and latitude in degrees; None where it has none.
         net_offset_m: added to the projected coordinates.
+        is_mirrored: whether the plane, across the road too, is mirrored, for traffic drives on the left: to whoever
+            looks things up here the network's lane 0 is the rightmost in any case.
     """
 
     begin_xy: np.ndarray
@@ -56,6 +58,7 @@ class RouteGeometry:
     lane_width_m: np.ndarray
     projection: Any
     net_offset_m: tuple[float, float]
+    is_mirrored: bool = False
 
     @property
     def route_length_m(self) -> float:
@@ -66,6 +69,10 @@ class RouteGeometry:
     def has_projection(self) -> bool:
         """Whether longitude and latitude mean something in the network."""
         return self.projection is not None
+
+    def mirrored(self, points: np.ndarray) -> np.ndarray:
+        """Points (x, y) of the network's plane in the plane of this geometry."""
+        return points * (1.0, -1.0) if self.is_mirrored else points
 
     def point_on_edge(self, edge: int, position_m: float) -> np.ndarray:
         """Point (x, y) on the rightmost lane of an edge (its index), at a distance from the edge's beginning."""
@@ -113,6 +120,7 @@ def build_route_geometry(row_map: RowMap) -> RouteGeometry:
         lane_width_m=width_m,
         projection=_projection(network),
         net_offset_m=_offset_m(net),
+        is_mirrored=network.is_left_hand,
     )
 
 
@@ -140,7 +148,8 @@ def _lane_pieces(row_map: RowMap, number: int, index: int) -> list[tuple[np.ndar
     network = row_map.network
     edge = network.main_edges[number]
     lane, route_lane = network.net.getEdge(edge).getLanes()[index], network.lanes[(edge, index)]
-    shape = _plane(lane.getShape())
+    mirrored = network.is_left_hand
+    shape = _plane(lane.getShape(), mirrored)
     pieces = [(shape, route_lane.start_m, route_lane.end_m)]
     if number + 1 == len(network.main_edges):
         return pieces
@@ -150,15 +159,16 @@ def _lane_pieces(row_map: RowMap, number: int, index: int) -> list[tuple[np.ndar
         if target.getEdge().getID() != following:
             continue
         via = connection.getViaLaneID()
-        between = [_plane(network.net.getLane(via).getShape())] if via else []
-        way = np.concatenate([shape[-1:], *between, _plane(target.getShape())[:1]])
+        between = [_plane(network.net.getLane(via).getShape(), mirrored)] if via else []
+        way = np.concatenate([shape[-1:], *between, _plane(target.getShape(), mirrored)[:1]])
         pieces.append((way, route_lane.end_m, network.edge_start_m(following)))
         break
     return pieces
 
 
-def _plane(shape: Any) -> np.ndarray:
-    return np.asarray([point[:2] for point in shape], float)
+def _plane(shape: Any, is_mirrored: bool) -> np.ndarray:
+    points = np.asarray([point[:2] for point in shape], float)
+    return points * (1.0, -1.0) if is_mirrored else points
 
 
 def _cut(pieces: list[tuple[int, np.ndarray, float, float]]) -> tuple[np.ndarray, ...]:

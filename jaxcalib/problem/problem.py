@@ -23,11 +23,12 @@ from jaxcalib.measures.scene import MeasureSettings
 from jaxcalib.measures.whole_drive import WholeDriveFold
 from jaxcalib.problem.parameter_space import behaviour_parameters
 from jaxcalib.problem.problem_checks import (
-    check_clock,
-    check_drives,
-    check_inflows,
-    check_models,
+    clock_faults,
     coverage_warnings,
+    drive_faults,
+    input_faults,
+    model_faults,
+    raise_first,
     replay_warnings,
 )
 from sim_adapters.errors import ScenarioError
@@ -60,7 +61,7 @@ class CalibrationProblem:
         measures: what is made of tallies, by name.
         drives: logs of the drives.
         field_tally: tallies of each drive, [drive, tally].
-        range_warnings: where less was seen than the case states, one line each.
+        log_warnings: drives without rows, and where less was seen than the case states, one line each.
     """
 
     case: Case
@@ -72,7 +73,7 @@ class CalibrationProblem:
     measures: Mapping[str, Measure]
     drives: tuple[DriveLog, ...]
     field_tally: np.ndarray
-    range_warnings: tuple[str, ...] = ()
+    log_warnings: tuple[str, ...] = ()
 
     @property
     def frame_interval_s(self) -> float:
@@ -123,7 +124,7 @@ class CalibrationProblem:
             own.append(
                 "case.toml: behaviour.distant_vtypes: in plain SUMO nobody changes over, so not in RUN/scenario."
             )
-        own += self.range_warnings
+        own += self.log_warnings
         own += replay_warnings(self.case) if self.parts.subject.model.name == REPLAY else []
         own += coverage_warnings(self.drives, self.scenario.network.length_m)
         return (
@@ -147,14 +148,16 @@ def read_problem(folder: Path | str, *, as_stated: bool = False) -> CalibrationP
     parts = require_scenario(case)
     try:
         scenario = read_scenario(
-            parts.scenario.config_file, case.folder, parts.subject.vehicle, parts.scenario.duration_s, load_in_sumo
+            parts.scenario.config_file, parts.subject.vehicle, parts.scenario.duration_s, load_in_sumo
         )
         parts = dataclasses.replace(parts, inputs=parts.inputs or found_inputs(scenario))
-        check_models(scenario, parts)
-        layout = _layout(parts)
-        check_clock(scenario, parts, case)
+        raise_first([*model_faults(scenario, parts), *input_faults(scenario, parts)])
+        layout = layout_of(parts)
+        raise_first(clock_faults(scenario, parts, case))
         interval_s = frame_interval_s(scenario.configuration.step_s)
-        drives = read_drives(case, scenario.row_map)
+        logs = read_drives(case, scenario.row_map)
+        raise_first(logs.refusals)
+        case, drives = logs.case, logs.drives
         stated = case.perception
         if not as_stated:
             case = dataclasses.replace(case, perception=seen_perception(drives_to_fit(drives), stated))
@@ -168,7 +171,6 @@ def read_problem(folder: Path | str, *, as_stated: bool = False) -> CalibrationP
         template = dataclasses.replace(template, logged_drives=_logged_drives(case, drives, parts, interval_s))
     settings = _measure_settings(case, observe_road(scenario), drives)
     tally = DriveTally(settings, all_folds(settings))
-    check_inflows(template)
     longest_s = max(parts.scenario.duration_s - drive.depart_s for drive in case.drives)
     num_frames = FRAMES_STEP * int(np.ceil((longest_s / interval_s + 2) / FRAMES_STEP))
     fold = WholeDriveFold(tally, num_frames)
@@ -177,7 +179,7 @@ def read_problem(folder: Path | str, *, as_stated: bool = False) -> CalibrationP
         frames = drive.frames(interval_s)
         field_tally.append(fold(frames))
         is_seen.append(bool(np.any(frames.valid)))
-    check_drives(case, drives, is_seen, interval_s)
+    raise_first(drive_faults(case, drives, is_seen, interval_s))
     return CalibrationProblem(
         case=case,
         parts=parts,
@@ -188,7 +190,7 @@ def read_problem(folder: Path | str, *, as_stated: bool = False) -> CalibrationP
         measures=all_measures(settings),
         drives=drives,
         field_tally=np.stack(field_tally),
-        range_warnings=range_warnings(stated, sensor),
+        log_warnings=(*logs.left_out, *range_warnings(stated, sensor)),
     )
 
 
@@ -221,14 +223,20 @@ def frame_interval_s(step_s: float) -> float:
 
 def found_inputs(scenario: Scenario) -> tuple[Input, ...]:
     """One input for each edge at which background traffic enters, named by that edge."""
+    flows = {edge: [flow for flow in scenario.flows if flow.route[0] == edge] for edge in scenario.entrances}
     return tuple(
-        Input(edge, tuple(dict.fromkeys(flow.id for flow in scenario.flows if flow.route[0] == edge)))
-        for edge in scenario.entrances
-        if any(flow.route[0] == edge for flow in scenario.flows)
+        Input(edge, tuple(dict.fromkeys(flow.id for flow in coming)))
+        for edge, coming in flows.items()
+        if sum(flow.rate_vehps for flow in coming) > 0.0
     )
 
 
-def _layout(parts: ScenarioParts) -> ParameterLayout:
+def layout_of(parts: ScenarioParts) -> ParameterLayout:
+    """Return which number of a parameter vector means what.
+
+    Raises:
+        CaseError: the case names a car-following model or a parameter that is not known.
+    """
     model = parts.behaviour.car_following
     if model not in (*SUMO_MODELS, *NEAREST_MODEL):
         known = ", ".join((*SUMO_MODELS, *NEAREST_MODEL))

@@ -1,4 +1,4 @@
-"""Whether scenario, clock and drives of a case fit together; each error is one line that says what was expected."""
+"""Whether scenario, clock and drives of a case fit together; each fault is one line that says what was expected."""
 
 from collections.abc import Sequence
 
@@ -6,32 +6,27 @@ import numpy as np
 
 from jaxcalib.case.case import ROLES, Case, ScenarioParts
 from jaxcalib.case.case_file import FILE_NAME
-from jaxcalib.errors import CaseError, quote
+from jaxcalib.errors import CaseError, quote, shorten
 from jaxcalib.field.field_log import DriveLog
 from sim_adapters.scenario.scenario import Scenario
-from sim_adapters.world.world_builder import WorldTemplate
 
 LEAST_STEP_S, MOST_STEP_S = 0.05, 1.0
 LEAST_COVERED = 0.8  # of the route, by a drive that counts as a whole one without a warning
 
 
-def check_clock(scenario: Scenario, parts: ScenarioParts, case: Case) -> None:
-    """Check that case, configuration and drives have one clock.
-
-    Raises:
-        CaseError: they are not.
-    """
-    step_s = parts.scenario.step_s
-    if abs(step_s - scenario.configuration.step_s) > 1e-9:
-        raise CaseError(
-            FILE_NAME,
-            "scenario.step_s",
-            f"expected the step-length of the configuration, {scenario.configuration.step_s:g}, got {step_s:g}.",
-        )
-    if not LEAST_STEP_S <= step_s <= MOST_STEP_S:
+def clock_faults(scenario: Scenario, parts: ScenarioParts, case: Case) -> list[CaseError]:
+    """What is wrong where case, configuration and drives do not have one clock."""
+    faults, step_s, config = [], parts.scenario.step_s, scenario.configuration
+    if abs(step_s - config.step_s) > 1e-9:
+        expected = f"expected the step-length of the configuration, {config.step_s:g}, got {step_s:g}."
+        faults.append(CaseError(FILE_NAME, "scenario.step_s", expected))
+    elif not LEAST_STEP_S <= step_s <= MOST_STEP_S:
         expected = f"expected {LEAST_STEP_S:g} to {MOST_STEP_S:g} s, got {step_s:g}."
-        raise CaseError(FILE_NAME, "scenario.step_s", expected)
-    begin_s, end_s = scenario.configuration.begin_s, scenario.configuration.end_s
+        faults.append(CaseError(FILE_NAME, "scenario.step_s", expected))
+    begin_s, end_s = config.begin_s, config.end_s
+    if end_s is not None and end_s <= begin_s:
+        expected = f"expected an end after its begin, {begin_s:g} s, got {end_s:g} s; SUMO would not begin."
+        return [*faults, CaseError(config.file, "option 'end'", expected)]
     for drive in case.drives:
         if drive.depart_s < begin_s or (end_s is not None and drive.depart_s >= end_s):
             until = "" if end_s is None else f" to {end_s:g}"
@@ -39,68 +34,77 @@ def check_clock(scenario: Scenario, parts: ScenarioParts, case: Case) -> None:
                 f"expected a departure within the scenario's clock, {begin_s:g}{until} s (begin and end of "
                 f"{parts.scenario.config_file.name}), got {drive.depart_s:g}."
             )
-            raise CaseError(FILE_NAME, f"drive[{drive.id}].depart_s", expected)
+            faults.append(CaseError(FILE_NAME, f"drive[{drive.id}].depart_s", expected))
+    return faults
 
 
-def check_models(scenario: Scenario, parts: ScenarioParts) -> None:
-    """Check that models and types are those of the scenario.
-
-    Raises:
-        CaseError: they are not.
-    """
+def model_faults(scenario: Scenario, parts: ScenarioParts) -> list[CaseError]:
+    """What is wrong where models and types are not those of the scenario."""
+    faults = []
     for vtype in parts.behaviour.vtypes:
         if vtype not in scenario.demand.vtypes:
             known = ", ".join(map(quote, scenario.demand.vtypes))
-            raise CaseError(
-                FILE_NAME, "behaviour.vtypes", f"expected vTypes of the scenario ({known}), got {quote(vtype)}."
-            )
+            expected = f"expected vTypes of the scenario ({known}), got {quote(vtype)}."
+            faults.append(CaseError(FILE_NAME, "behaviour.vtypes", expected))
+            continue
         model = scenario.demand.vtypes[vtype].get("carFollowModel", "Krauss")
         if model != parts.behaviour.car_following:
-            raise CaseError(
-                FILE_NAME,
-                "behaviour.car_following",
-                f"expected {quote(model)}, as in vType {quote(vtype)}, got {quote(parts.behaviour.car_following)}.",
+            expected = (
+                f"expected {quote(model)}, as in vType {quote(vtype)}, got {quote(parts.behaviour.car_following)}."
             )
+            faults.append(CaseError(FILE_NAME, "behaviour.car_following", expected))
     if scenario.demand.subject_vtype != parts.subject.vtype:
-        raise CaseError(
-            FILE_NAME,
-            "subject.vtype",
+        expected = (
             f"expected the type of vehicle {quote(parts.subject.vehicle)}, {quote(scenario.demand.subject_vtype)}, "
-            f"got {quote(parts.subject.vtype)}.",
+            f"got {quote(parts.subject.vtype)}."
         )
+        faults.append(CaseError(FILE_NAME, "subject.vtype", expected))
+    return faults
 
 
-def check_inflows(template: WorldTemplate) -> None:
-    """Check that each input has vehicles in the scenario.
+def input_faults(scenario: Scenario, parts: ScenarioParts) -> list[CaseError]:
+    """What is wrong where inputs are not made of flows that bring vehicles onto the route."""
+    faults, known = [], scenario.flow_ids
+    for one in parts.inputs:
+        place = f"input {quote(one.id)}"
+        unknown = [flow for flow in one.flows if flow not in known]
+        for flow in unknown:
+            expected = f"expected a <flow id='{shorten(flow)}'> on the subject vehicle's route; there is none."
+            faults.append(CaseError(FILE_NAME, place, expected))
+        if not unknown and not sum(map(scenario.mean_rate_vehps, one.flows)) > 0.0:
+            expected = "expected flows with vehicles in the scenario, got 0 veh/h: nothing to scale."
+            faults.append(CaseError(FILE_NAME, place, expected))
+    return faults
+
+
+def raise_first(faults: Sequence[CaseError]) -> None:
+    """Refuse a case for the first of its faults; `jaxcalib check` shows all of them.
 
     Raises:
-        CaseError: one has none.
+        CaseError: there is one.
     """
-    for name, rate_vehph in zip(template.layout.input_ids, template.base_demand_vehph(), strict=True):
-        if not rate_vehph > 0.0:
-            expected = f"expected flows with vehicles in the scenario, got {rate_vehph:g} veh/h: nothing to scale."
-            raise CaseError(FILE_NAME, f"input {quote(name)}", expected)
+    if faults:
+        raise faults[0]
 
 
-def check_drives(case: Case, drives: Sequence[DriveLog], is_seen: Sequence[bool], frame_interval_s: float) -> None:
-    """Check that each drive shows something, and one of those to fit the traffic around it.
+def drive_faults(case: Case, drives: Sequence[DriveLog], is_seen: Sequence[bool], interval_s: float) -> list[CaseError]:
+    """What is wrong where a drive shows nothing, or none of those to fit the traffic around it.
 
     Args:
         case: for the files' names.
         drives: its drives.
         is_seen: whether a drive has a frame.
-        frame_interval_s: time between frames.
-
-    Raises:
-        CaseError: one shows nothing.
+        interval_s: time between frames.
     """
-    for drive, one in zip(case.drives, is_seen, strict=True):
-        if not one:
-            expected = f"expected rows at the instants that count, every {frame_interval_s:g} s; got none."
-            raise CaseError(drive.subject_file, "", expected)
-    if not any(len(log.objects.offset_m) for log in drives if log.role == "fit"):
+    expected = f"expected rows at the instants that count, every {interval_s:g} s; got none."
+    faults = [
+        CaseError(drive.subject_file, "", expected) for drive, one in zip(case.drives, is_seen, strict=True) if not one
+    ]
+    to_fit = case.drives_of("fit")
+    if to_fit and not any(len(log.objects.offset_m) for log in drives if log.role == "fit"):
         expected = "expected detected vehicles in one of the drives to fit at least; their tables have none to go by."
-        raise CaseError(case.drives_of("fit")[0].objects_file, "", expected)
+        faults.append(CaseError(to_fit[0].objects_file, "", expected))
+    return faults
 
 
 def replay_warnings(case: Case) -> list[str]:

@@ -17,6 +17,7 @@ from jaxcalib.errors import CaseError, quote
 from jaxcalib.runs.disk import writing_to
 from jaxcalib.runs.journal import Journal
 from sim_adapters.atomic_file import write_atomically
+from sim_adapters.scenario.configuration import read_configuration
 
 IDENTITY_FILE = "run.json"
 LIBRARIES = ("jax", "jaxlib", "numpy", "scipy", "scikit-learn", "libsumo")
@@ -97,11 +98,23 @@ def identify(case: Case, options: dict[str, Any], more_packages: Sequence[Path] 
     program.update("\n".join([*versions, platform.python_version(), platform.machine()]).encode())
     files = hashlib.sha256()
     _add_files(files, case.folder, "*")
+    for file in files_elsewhere(case):
+        files.update(hashlib.sha256(file.read_bytes()).digest())
     return {
         "case": f"{case.name} {files.hexdigest()}",
         "options": json.dumps(options, sort_keys=True),
         "program": program.hexdigest(),
     }
+
+
+def files_elsewhere(case: Case) -> tuple[Path, ...]:
+    """Files of a case that lie outside of its folder: logs, the scenario's configuration, and what that names."""
+    named = [file for drive in case.drives for file in (drive.subject_file, drive.objects_file)]
+    if case.scenario is not None:
+        configuration = read_configuration(case.scenario.config_file)
+        named += [configuration.file, configuration.net_file]
+        named += [*configuration.additional_files, *configuration.route_files]
+    return tuple(sorted({file.resolve() for file in named if not file.resolve().is_relative_to(case.folder)}))
 
 
 def _add_files(digest: Any, folder: Path, pattern: str) -> None:

@@ -14,9 +14,10 @@ from typing import Any, cast
 from distributed import Client, Future, KilledWorker
 
 from jaxcalib.calibration.confirmation.scenario_check import refuse_failed, scenario_requests
-from jaxcalib.errors import CaseError, ResourceError
+from jaxcalib.errors import CaseError, ResourceError, quote
 from jaxcalib.problem.problem import CalibrationProblem
 from jaxcalib.runs.disk import checked_disk
+from jaxcalib.runs.run_folder import files_elsewhere
 from jaxcalib.sweeps import cluster_worker
 from jaxcalib.sweeps.local_engines import Done
 from jaxcalib.sweeps.plan import Engine, SweepPlan
@@ -146,7 +147,14 @@ class ClusterEngine:
 
 
 def archive_of(problem: CalibrationProblem) -> bytes:
-    """Return a case's folder as one piece, for workers that may not see this machine's disks."""
+    """Return a case's folder as one piece, for workers that may not see this machine's disks.
+
+    Raises:
+        CaseError: files of the case lie elsewhere.
+    """
+    if elsewhere := files_elsewhere(problem.case):
+        expected = f"expected a case whose files all lie in its folder; {quote(elsewhere[0].name)} does not."
+        raise CaseError("command line", "--cluster", f"{expected} Copy it there.")
     stream = io.BytesIO()
     with zipfile.ZipFile(stream, "w", strict_timestamps=False) as archive:
         for file in sorted(problem.case.folder.rglob("*")):

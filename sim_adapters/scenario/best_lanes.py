@@ -55,8 +55,9 @@ def _outlooks(
     connected = [index for lane in lanes for index in _into(lane.leads_to, next_edge)]
     for lane in lanes:
         targets = _into(lane.leads_to, next_edge)
-        outlook = LaneOutlook(offset=0, length_m=length_m, continues=next_edge is None or bool(targets))
-        if following is not None and targets:
+        continues = lane.is_open and (next_edge is None or bool(targets))
+        outlook = LaneOutlook(offset=0, length_m=length_m if lane.is_open else 0.0, continues=continues)
+        if following is not None and targets and lane.is_open:
             best_connected_m = max(following[index].length_m for index in connected)
             best_m = max(next_outlook.length_m for next_outlook in following)
             target = min((following[index] for index in targets), key=lambda o: (-o.length_m, abs(o.offset)))

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from sim_adapters.scenario.finding import Finding, Level
-from sim_adapters.scenario.route_lane import LaneKey, RouteLane
+from sim_adapters.scenario.route_lane import LaneKey, RouteLane, lane_id
 
 ZONE_M = 100.0  # about an acceleration lane; SUMO's vehicles look as far when they yield
 SIDE_AT_M = 20.0  # from the junction: nearer, lanes that meet hardly lie apart
@@ -55,7 +55,13 @@ class Joints:
     findings: tuple[Finding, ...]
 
 
-def join_lanes(file_name: str, lanes: Mapping[LaneKey, RouteLane], main_edges: tuple[str, ...], net: Any) -> Joints:
+def join_lanes(
+    file_name: str,
+    lanes: Mapping[LaneKey, RouteLane],
+    main_edges: tuple[str, ...],
+    net: Any,
+    is_left_hand: bool = False,
+) -> Joints:
     """Turn merges and forks within junctions into changes of lane beside them.
 
     Args:
@@ -63,11 +69,12 @@ def join_lanes(file_name: str, lanes: Mapping[LaneKey, RouteLane], main_edges: t
         lanes: as the network connects them.
         main_edges: edges of the subject vehicle's route.
         net: the sumolib network, for shapes.
+        is_left_hand: whether traffic drives on the left; lanes are counted from there, then.
     """
     changed, zones, findings = dict(lanes), [], []
     goes_on: dict[LaneKey, LaneKey] = {}
-    # where lanes meet, the carriageway goes on, and of its lanes the one furthest to the left
-    order = sorted(lanes.values(), key=lambda lane: (lane.edge not in main_edges, -lane.index))
+    # where lanes meet, one with nowhere else to go goes on, then the carriageway, of its lanes the one furthest left
+    order = sorted(lanes.values(), key=lambda lane: (len(lane.successors), lane.edge not in main_edges, -lane.index))
     for lane in order:
         met = [successor for successor in lane.successors if successor in goes_on]
         for successor in lane.successors:
@@ -79,9 +86,9 @@ def join_lanes(file_name: str, lanes: Mapping[LaneKey, RouteLane], main_edges: t
         zones += [zone] if zone else []
         changed[lane.key] = replace(lane, successors=(), merges_into=into if zone else None)
         words = (
-            f"both lead into '{_name(into)}': in the surrogate vehicles change from '{_name(lane.key)}' before its end"
+            f"both lead into '{lane_id(into)}': in the surrogate vehicles leave '{lane_id(lane.key)}' before its end"
         )
-        name = f"lanes '{_name(other.key)}' and '{_name(lane.key)}'"
+        name = f"lanes '{lane_id(other.key)}' and '{lane_id(lane.key)}'"
         findings.append(Finding(Level.APPROXIMATED, file_name, name, words))
     for lane in lanes.values():
         on_main = [successor for successor in lane.successors if successor[0] in main_edges]
@@ -89,12 +96,14 @@ def join_lanes(file_name: str, lanes: Mapping[LaneKey, RouteLane], main_edges: t
         if not (on_main and exits):
             continue
         zones.append(_fork_zone(lanes[on_main[0]], lanes[exits[0]], net))
-        name = f"lane '{_name(lane.key)}'"
+        name = f"lane '{lane_id(lane.key)}'"
         words = (
-            f"leads on and into '{_name(exits[0])}': in the surrogate vehicles change onto the exit in its first "
+            f"leads on and into '{lane_id(exits[0])}': in the surrogate vehicles change onto the exit in its first "
             f"{ZONE_M:.0f} m"
         )
         findings.append(Finding(Level.APPROXIMATED, file_name, name, words))
+    if is_left_hand:
+        zones = [replace(zone, side=-zone.side) for zone in zones]
     return Joints(changed, tuple(zones), tuple(findings))
 
 
@@ -124,11 +133,7 @@ def _fork_zone(lane: RouteLane, exit_lane: RouteLane, net: Any) -> ChangeZone:
 
 
 def _shape(net: Any, lane: RouteLane) -> np.ndarray:
-    return np.asarray(net.getLane(_name(lane.key)).getShape(), float)[:, :2]
-
-
-def _name(key: LaneKey) -> str:
-    return f"{key[0]}_{key[1]}"
+    return np.asarray(net.getLane(lane_id(lane.key)).getShape(), float)[:, :2]
 
 
 def _side_of(shape: np.ndarray, axis: np.ndarray) -> int:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from sim_adapters.errors import ScenarioError
-from sim_adapters.scenario.sumo_files import inside, read_xml
+from sim_adapters.scenario.sumo_files import read_xml, resolved
 from sim_adapters.scenario.times import read_time_s
 
 SYNONYMS = {
@@ -68,15 +68,11 @@ class SumoConfiguration:
         return self.processing.get(option, "0").strip().lower() not in ("", "0", "0.0", "false", "f", "no", "off", "-1")
 
 
-def read_configuration(file: Path, folder: Path) -> SumoConfiguration:
-    """Read a configuration.
-
-    Args:
-        file: the configuration.
-        folder: the case's folder, which no path may leave.
+def read_configuration(file: Path) -> SumoConfiguration:
+    """Read a configuration; the files that it names may lie anywhere.
 
     Raises:
-        ScenarioError: something is missing or would leave the folder.
+        ScenarioError: something is missing.
     """
     options: dict[str, str] = {}
     ignored: list[str] = []
@@ -92,9 +88,9 @@ def read_configuration(file: Path, folder: Path) -> SumoConfiguration:
             options[name] += f",{value}"
         else:
             options[name] = value
-    nets = _paths(file, folder, options.pop("net-file", ""))
-    routes = _paths(file, folder, options.pop("route-files", ""))
-    additional = _paths(file, folder, options.pop("additional-files", ""))
+    nets = _paths(file, options.pop("net-file", ""))
+    routes = _paths(file, options.pop("route-files", ""))
+    additional = _paths(file, options.pop("additional-files", ""))
     if len(nets) != 1 or not routes:
         raise ScenarioError(file, "expected <net-file> with one network and <route-files>.")
     end = options.pop("end", "")
@@ -114,12 +110,12 @@ def read_configuration(file: Path, folder: Path) -> SumoConfiguration:
     )
 
 
-def _paths(file: Path, folder: Path, value: str) -> tuple[Path, ...]:
+def _paths(file: Path, value: str) -> tuple[Path, ...]:
     """Return the files of a list; a name may hold spaces, and spaces may part names."""
     names: list[str] = []
     for part in (part.strip() for part in value.replace(";", ",").split(",")):
         names += [part] if (file.parent / part).is_file() else part.split()
-    return tuple(inside(folder, file.parent / name, file) for name in names)
+    return tuple(resolved(file.parent / name, file) for name in names)
 
 
 def _time_s(file: Path, option: str, value: str, expected: str = "seconds") -> float:

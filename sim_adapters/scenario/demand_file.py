@@ -99,6 +99,7 @@ class Demand:
         subject_depart_s: when the file lets it depart.
         subject_departure: how it departs.
         findings: what else stands in the files.
+        files: in which file each element stands, by tag and id, for messages.
     """
 
     file: Path
@@ -110,6 +111,19 @@ class Demand:
     subject_depart_s: float
     subject_departure: Departure
     findings: tuple[Finding, ...] = ()
+    files: Mapping[tuple[str, str], Path] = field(default_factory=dict)
+
+    def file_of(self, tag: str, name: str) -> Path:
+        """The file in which an element stands; that of the subject vehicle where there is no such element."""
+        return self.files.get((tag, name), self.file)
+
+    def file_at(self, edge: str) -> Path:
+        """The file with the traffic that enters at an edge."""
+        flow = next((flow.id for flow in self.flows if flow.route[0] == edge), None)
+        if flow is not None:
+            return self.file_of("flow", flow)
+        vehicle = next((vehicle.id for vehicle in self.vehicles if vehicle.route[0] == edge), "")
+        return self.files.get(("vehicle", vehicle)) or self.file_of("trip", vehicle)
 
 
 def read_demand(
@@ -138,8 +152,10 @@ def read_demand(
     known, options = Definitions(find_route), options or {}
     others: dict[tuple[str, str], int] = {}
     movers: list[tuple[Path, ET.Element]] = []
+    places: dict[tuple[str, str], Path] = {}
     for file in files:
         for element in read_xml(file):
+            places |= {(one.tag, one.get("id", "")): file for one in (element, *element)}
             if element.tag in ("vType", "vTypeDistribution"):
                 read_vtype(known, file, element)
             elif element.tag in ("route", "routeDistribution"):
@@ -182,6 +198,7 @@ def read_demand(
         subject_depart_s=ego.depart_s,
         subject_departure=ego.departure,
         findings=tuple(_finding(name, tag, count) for (name, tag), count in others.items()),
+        files=places,
     )
 
 

@@ -1,4 +1,4 @@
-"""One lane along a route."""
+"""One lane along the subject vehicle's route."""
 
 from dataclasses import dataclass
 
@@ -40,3 +40,13 @@ class RouteLane:
     def key(self) -> LaneKey:
         """Edge and index."""
         return (self.edge, self.index)
+
+    @property
+    def id(self) -> str:
+        """SUMO's id."""
+        return lane_id(self.key)
+
+
+def lane_id(key: LaneKey) -> str:
+    """SUMO's id of a lane."""
+    return f"{key[0]}_{key[1]}"

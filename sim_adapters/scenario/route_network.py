@@ -1,20 +1,19 @@
 """The lanes along the subject vehicle's route, read from a SUMO network, with their place on the route's axis."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import sumolib
 
-from sim_adapters.errors import ScenarioError
 from sim_adapters.scenario.change_zones import ChangeZone, join_lanes
+from sim_adapters.scenario.demand_definitions import Route
 from sim_adapters.scenario.finding import Finding, Level
+from sim_adapters.scenario.road_findings import closed_lane, counted, forking_lanes, right_of_way
+from sim_adapters.scenario.route_check import RouteUser, refuse_broken, route_ends
 from sim_adapters.scenario.route_lane import LaneKey, RouteLane
-
-RIGHT_OF_WAY = ("M", "=")
-LIGHT_STATES = ("G", "g", "o", "O", "y", "Y", "r", "u", "s")
 
 
 @dataclass(frozen=True)
@@ -31,6 +30,7 @@ class RouteNetwork:
         net: the sumolib network, for projections and shapes.
         findings: what of it the surrogate cannot follow.
         zones: stretches on which the surrogate's vehicles change between lanes of different edges.
+        is_left_hand: whether traffic drives on the left, so that lane 0 is the leftmost.
     """
 
     file: Path
@@ -42,6 +42,7 @@ class RouteNetwork:
     net: Any = field(repr=False, compare=False)
     findings: tuple[Finding, ...] = ()
     zones: tuple[ChangeZone, ...] = ()
+    is_left_hand: bool = False
 
     def edge_lanes(self, edge: str) -> list[RouteLane]:
         """Return the lanes of an edge from right to left."""
@@ -62,7 +63,12 @@ class RouteNetwork:
 
 
 def read_route_network(
-    file: Path, main_edges: Sequence[str], routes: Sequence[Sequence[str]], vclasses: Sequence[str] = ("passenger",)
+    file: Path,
+    main_edges: Sequence[str],
+    routes: Sequence[Sequence[str]],
+    vclasses: Sequence[str] = ("passenger",),
+    users: Mapping[Route, RouteUser] | None = None,
+    is_left_hand: bool = False,
 ) -> RouteNetwork:
     """Read the lanes along a route.
 
@@ -71,13 +77,14 @@ def read_route_network(
         main_edges: edges of the subject vehicle's route.
         routes: edges of all routes in the demand; what lies off the subject vehicle's route becomes a ramp.
         vclasses: SUMO's vehicle classes of the traffic.
+        users: who drives along each route, for messages.
+        is_left_hand: whether traffic drives on the left.
 
     Raises:
         ScenarioError: a route has an edge that the network lacks, or two edges that are not connected.
     """
     net = sumolib.net.readNet(str(file), withInternal=True)
-    for route in dict.fromkeys(map(tuple, [main_edges, *routes])):
-        _check_route(net, file, route)
+    refuse_broken(net, file, list(dict.fromkeys(map(tuple, [main_edges, *routes]))), users or {})
     findings: list[Finding] = []
     place = _main_axis(net, main_edges)
     place |= _ramp_axis(net, file, main_edges, routes, place, findings)
@@ -88,7 +95,7 @@ def read_route_network(
         for lane in net.getEdge(edge).getLanes():
             lanes[(edge, lane.getIndex())] = _route_lane(file, lane, (start_m, end_m), place, vclasses, used, findings)
     ramps = tuple(edge for edge in place if edge not in main_edges)
-    joints = join_lanes(file.name, lanes, tuple(main_edges), net)
+    joints = join_lanes(file.name, lanes, tuple(main_edges), net, is_left_hand)
     return RouteNetwork(
         file=file,
         main_edges=tuple(main_edges),
@@ -97,37 +104,10 @@ def read_route_network(
         ramp_edges=ramps,
         junction_lanes=_junction_lanes(net, lanes),
         net=net,
-        findings=tuple(_counted([*findings, *joints.findings])),
+        findings=tuple(counted([*findings, *joints.findings, *forking_lanes(file, lanes, main_edges)])),
         zones=joints.zones,
+        is_left_hand=is_left_hand,
     )
-
-
-def _check_route(net: Any, file: Path, route: Sequence[str]) -> None:
-    for edge in route:
-        if not net.hasEdge(edge):
-            raise ScenarioError(file, f"expected edge '{edge}', which a route uses; the network has no such edge.")
-    for edge, following in pairwise(route):
-        if net.getEdge(following) not in net.getEdge(edge).getOutgoing():
-            raise ScenarioError(
-                file,
-                f"route '{_ends(route)}': expected a connection from edge '{edge}' to '{following}'; there is none, "
-                "and SUMO would stop when such a vehicle departs. Mend the route, or leave it out.",
-            )
-
-
-def _ends(route: Sequence[str]) -> str:
-    return " ".join(route if len(route) <= 4 else (*route[:2], "...", *route[-2:]))
-
-
-def _counted(findings: Sequence[Finding]) -> list[Finding]:
-    """Findings that say the same once each, with their number."""
-    first: dict[tuple[Level, str], Finding] = {}
-    counts: dict[tuple[Level, str], int] = {}
-    for finding in findings:
-        key = (finding.level, finding.words)
-        first.setdefault(key, finding)
-        counts[key] = counts.get(key, 0) + 1
-    return [replace(finding, count=counts[key]) for key, finding in first.items()]
 
 
 def _main_axis(net: Any, main_edges: Sequence[str]) -> dict[str, tuple[float, float]]:
@@ -169,7 +149,7 @@ def _ramp_axis(
         begin = main.index(stretch[0])
         if stretch != main[begin : begin + len(stretch)]:
             words = "a route that leaves the subject vehicle's road and comes back: the surrogate knows one road"
-            findings.append(Finding(Level.SUMO_ALONE, file.name, f"route '{_ends(route)}'", words))
+            findings.append(Finding(Level.SUMO_ALONE, file.name, f"route '{route_ends(route)}'", words))
         end_m = place[stretch[0]][0]
         for edge, following in zip(route[first - 1 :: -1] if first else [], route[first:0:-1], strict=True):
             end_m -= _junction_length(net, edge, following)
@@ -199,16 +179,15 @@ def _route_lane(
         following = target.getEdge().getID()
         if (edge, following) not in used or following not in place:  # no route turns there
             continue
+        if not all(map(target.allows, vclasses)):  # nobody goes on into a closed lane
+            continue
         successors.append((following, target.getIndex()))
-        finding = _right_of_way(file, connection, edge, following)
+        finding = right_of_way(file, connection, edge, following)
         if finding is not None:
             findings.append(finding)
     closed_to = [vclass for vclass in vclasses if not lane.allows(vclass)]
     if closed_to:
-        words = "closed to everybody" if len(closed_to) == len(vclasses) else f"closed to {', '.join(closed_to)}"
-        level = Level.FOLLOWED if len(closed_to) == len(vclasses) else Level.APPROXIMATED
-        also = "" if level is Level.FOLLOWED else "; in the surrogate nobody uses it"
-        findings.append(Finding(level, file.name, f"lane '{lane.getID()}'", words + also))
+        findings.append(closed_lane(file, lane.getID(), closed_to, vclasses))
     return RouteLane(
         edge=edge,
         index=lane.getIndex(),
@@ -219,22 +198,6 @@ def _route_lane(
         is_acceleration=bool(lane.isAccelerationLane()) if hasattr(lane, "isAccelerationLane") else False,
         is_open=not closed_to,
     )
-
-
-def _right_of_way(file: Path, connection: Any, edge: str, following: str) -> Finding | None:
-    """What a connection demands besides going on; None where it has right of way."""
-    name, state = f"connection from edge '{edge}' to '{following}'", connection.getState()
-    if connection.getTLSID():
-        words = "a traffic light on a route; the surrogate has none"
-        return Finding(Level.SUMO_ALONE, file.name, name, words)
-    if state in RIGHT_OF_WAY:
-        return None
-    words = (
-        "a zipper: in the surrogate whoever leaves the shorter lane gives way"
-        if state == "Z"
-        else ("gives way: in the surrogate vehicles change into the lane that they meet")
-    )
-    return Finding(Level.APPROXIMATED, file.name, name, words)
 
 
 def _junction_lanes(net: Any, lanes: dict[LaneKey, RouteLane]) -> dict[str, tuple[LaneKey, float]]:

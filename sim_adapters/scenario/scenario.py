@@ -1,5 +1,6 @@
 """An ordinary SUMO scenario, read for both simulators."""
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -7,11 +8,12 @@ from pathlib import Path
 from sim_adapters.errors import ScenarioError
 from sim_adapters.scenario.configuration import SumoConfiguration, read_configuration
 from sim_adapters.scenario.demand_definitions import Route
-from sim_adapters.scenario.demand_file import Demand, Flow, read_demand
+from sim_adapters.scenario.demand_file import VEHICLES, Demand, Flow, read_demand
 from sim_adapters.scenario.finding import Finding, Level
 from sim_adapters.scenario.followed_options import flow_findings, option_findings, vtype_findings
 from sim_adapters.scenario.loaded_scenario import LoadedScenario
 from sim_adapters.scenario.road_builder import RowMap, lay_rows
+from sim_adapters.scenario.route_check import RouteUser
 from sim_adapters.scenario.route_network import RouteNetwork, read_route_network
 from sim_adapters.scenario.sumo_files import read_xml
 from sim_adapters.scenario.sumo_names import attribute_values, nearest_model
@@ -88,12 +90,11 @@ class Scenario:
         try:
             return attribute_values(self.demand.vtypes[vtype], self.model_of(vtype), self.vtype_numbers.get(vtype))
         except ValueError as error:
-            raise ScenarioError(self.demand.file, f"vType '{vtype}': {error}.") from None
+            raise ScenarioError(self.demand.file_of("vType", vtype), f"vType '{vtype}': {error}.") from None
 
 
 def read_scenario(
     config: Path,
-    folder: Path,
     subject_vehicle: str,
     duration_s: float,
     load: Callable[[SumoConfiguration], LoadedScenario] | None = None,
@@ -102,7 +103,6 @@ def read_scenario(
 
     Args:
         config: the .sumocfg.
-        folder: the case's folder, which no path may leave.
         subject_vehicle: id of the subject vehicle.
         duration_s: end of a run, on the scenario's clock.
         load: has SUMO load the scenario and say what its vTypes are and how trips go; without it, types take the
@@ -111,8 +111,8 @@ def read_scenario(
     Raises:
         ScenarioError: SUMO refuses it, or something is missing; one line says what.
     """
-    configuration = read_configuration(config, folder)
-    read_xml(configuration.net_file)  # refuses what sumolib would read without a word
+    configuration = read_configuration(config)
+    is_left_hand = read_xml(configuration.net_file).get("lefthand", "false").lower() in ("true", "1", "yes", "on", "x")
     loaded = load(configuration) if load else LoadedScenario()
     end_s = duration_s if configuration.end_s is None else min(configuration.end_s, duration_s)
     demand = read_demand(
@@ -127,9 +127,8 @@ def read_scenario(
     all_flows = (*demand.flows, *flows_of_vehicles(demand.vehicles, configuration.begin_s, end_s, configuration.scale))
     main_edges = demand.subject_route
     vclasses = {demand.vtypes[flow.vtype].get("vClass", "passenger") for flow in all_flows}
-    network = read_route_network(
-        configuration.net_file, main_edges, [flow.route for flow in all_flows], sorted(vclasses)
-    )
+    routes, users = [flow.route for flow in all_flows], _users(demand, subject_vehicle)
+    network = read_route_network(configuration.net_file, main_edges, routes, sorted(vclasses), users, is_left_hand)
     flows = tuple(flow for flow in all_flows if any(edge in main_edges for edge in flow.route))
     warnings = [*configuration.ignored, *loaded.warnings]
     if len(flows) < len(all_flows):
@@ -161,7 +160,36 @@ def read_scenario(
         *demand.findings,
         *network.findings,
     ]
-    return replace(scenario, findings=tuple(findings))
+    if is_left_hand:
+        words = "left-hand traffic, mirrored; lane 1 of the logs is the rightmost, the network's last"
+        findings.append(Finding(Level.FOLLOWED, configuration.net_file.name, "attribute 'lefthand' of <net>", words))
+    return replace(scenario, findings=tuple(_placed(demand, finding) for finding in findings))
+
+
+def _users(demand: Demand, subject_vehicle: str) -> dict[Route, RouteUser]:
+    """Who drives along each route."""
+    ids: dict[Route, dict[tuple[str, str], None]] = {}
+    subject = (demand.subject_route, [("vehicle", subject_vehicle)])
+    flows = [(flow.route, [("flow", flow.id)]) for flow in demand.flows]
+    vehicles = [(vehicle.route, [("vehicle", vehicle.id)]) for vehicle in demand.vehicles]
+    for route, names in (subject, *flows, *vehicles):
+        ids.setdefault(route, {}).update(dict.fromkeys(names))
+    users = {}
+    for route, several in ids.items():
+        tag, name = next(iter(several))
+        file = demand.files.get((tag, name)) or demand.file_of("trip", name)
+        users[route] = RouteUser(file, f"{tag} '{name}'", len(several))
+    return users
+
+
+def _placed(demand: Demand, finding: Finding) -> Finding:
+    """A finding on vTypes or traffic with the file in which these stand."""
+    named = re.fullmatch(rf"(vType|flow|flows from edge) '({VEHICLES})?(.*)'", finding.element)
+    if named is None:
+        return finding
+    tag, is_of_vehicles, name = named.groups()
+    by_edge = tag == "flows from edge" or is_of_vehicles
+    return replace(finding, file=(demand.file_at(name) if by_edge else demand.file_of(tag, name)).name)
 
 
 def _whole_route(network: RouteNetwork, destination: str, flows: Sequence[Flow]) -> Route:

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from sim_adapters.interface import ParameterLayout
+from sim_adapters.scenario.demand_elements import DEFAULT_VTYPE
 from sim_adapters.scenario.scaled_demand import scale_flow, scale_vehicles
 from sim_adapters.scenario.scenario import Scenario
 from sim_adapters.scenario.scenario_files import writes_output
@@ -97,6 +98,11 @@ def write_scenario(
             for one in _subjects(element, departs_s) if is_subject else [element]:
                 file_of[id(one)] = number
                 elements.append(one)
+    if DEFAULT_VTYPE in layout.vtypes and not any(_has_vtype(one, (DEFAULT_VTYPE,)) for one in elements):
+        default = ET.Element("vType", id=DEFAULT_VTYPE)  # SUMO's own, which no file needs to name
+        _set_attributes(default, set_attributes)
+        elements.insert(0, default)
+        file_of[id(default)] = 0
     read = tuple(elements)  # keeps them, and with them their identities, while effects replace some
     rates = {flow: factors.get(flow, 1.0) * scenario.mean_rate_vehps(flow) for flow in scenario.flow_ids}
     draft = Draft(scenario, elements, seed, rates)
@@ -201,6 +207,8 @@ def _write_configuration(
         ("time", {"begin": _text(configuration.begin_s), "step-length": _text(configuration.step_s)}),
         ("processing", dict(configuration.processing) | dict(processing)),
     ):
+        if not options:  # SUMO complains of empty sections
+            continue
         element = ET.SubElement(root, section)
         for option, value in options.items():
             ET.SubElement(element, option, value=value)

@@ -189,7 +189,7 @@ def attribute_values(
     Args:
         attributes: attributes as written in the file.
         model: car-following model, one of `SUMO_MODELS`.
-        said: numbers that SUMO itself gives for the vType; they stand where the file is silent.
+        said: numbers that SUMO itself gives for the vType; they stand where the file is silent, or says no number.
 
     Raises:
         ValueError: a value is not a number; the message names the attribute.
@@ -213,7 +213,9 @@ def attribute_values(
         try:
             values[name] = float(text)
         except ValueError:
-            raise ValueError(f"attribute '{name}': expected a number, got '{text}'") from None
+            if name not in (said or {}):
+                raise ValueError(f"attribute '{name}': expected a number, got '{text}'") from None
+            values[name] = by_class[name]  # what SUMO makes of it
     values.setdefault("lcCooperativeSpeed", values["lcCooperative"])
     values["emergencyDecel"] = max(values["emergencyDecel"], values["decel"])
     return values

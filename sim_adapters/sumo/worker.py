@@ -3,6 +3,7 @@
 import csv
 import ctypes
 import os
+import re
 import signal
 import sys
 from collections.abc import Iterator, Mapping
@@ -76,6 +77,17 @@ def run_job(job: SumoJob) -> SumoRun:
     return SumoRun(**frames, **counts, wall_s=time.perf_counter() - began)
 
 
+_said: set[bytes] = set()  # lines without their numbers, by this process
+
+
+def _not_said_yet(text: bytes) -> bytes:
+    """Lines of a kind that was not said yet: of thousands of vehicles the same is said in every run."""
+    new = {re.sub(rb"[\d.]+", b"#", line): line for line in reversed(text.splitlines(keepends=True))}
+    lines = [line for kind, line in reversed(new.items()) if kind not in _said]
+    _said.update(new)
+    return b"".join(lines)
+
+
 @contextmanager
 def standard_error_in(file: Path) -> Iterator[None]:
     """Keep in a file what this process, SUMO's C++ included, says on standard error; even the last words of a crash.
@@ -89,7 +101,7 @@ def standard_error_in(file: Path) -> Iterator[None]:
             os.dup2(log.fileno(), STANDARD_ERROR)
         yield
         with suppress(OSError):  # nobody reads it
-            os.write(before, file.read_bytes())
+            os.write(before, _not_said_yet(file.read_bytes()))
     finally:
         os.dup2(before, STANDARD_ERROR)
         os.close(before)

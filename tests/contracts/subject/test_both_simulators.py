@@ -59,7 +59,7 @@ def scenario_with(folder: Path, leaders_begin_s: float) -> Scenario:
     lines = [line.replace('departSpeed="avg"', 'departSpeed="8"') if "<vehicle" in line else line for line in lines]
     place = next(index for index, line in enumerate(lines) if "<vehicle" in line) + (leaders_begin_s > DEPART_S)
     demand.write_text("\n".join([*lines[:1], SLOW, *lines[1:place], flow, *lines[place:]]))
-    return read_scenario(folder / "scenario/scenario.sumocfg", folder, "ego", END_S)
+    return read_scenario(folder / "scenario/scenario.sumocfg", "ego", END_S)
 
 
 def simulator(scenario: Scenario, template: WorldTemplate) -> SumoSimulator:

@@ -31,7 +31,7 @@ DEPART_S, SEED, OWN_ROW = 1e6, 6, 1
 
 
 def template_of(model: str, vtype_of_others: str = "car") -> WorldTemplate:
-    scenario = read_scenario(CORRIDOR / "scenario/scenario.sumocfg", CORRIDOR, "ego", 720.0)
+    scenario = read_scenario(CORRIDOR / "scenario/scenario.sumocfg", "ego", 720.0)
     for flow in scenario.flows[:1]:
         object.__setattr__(flow, "vtype", vtype_of_others)
     return build_template(scenario, LAYOUT, SubjectModel(model))
@@ -44,7 +44,7 @@ def world_of(template: WorldTemplate, effects: dict[str, EffectSetting]) -> Worl
 
 
 def test_others_of_the_subject_vehicle_s_vtype_are_not_taken_for_it() -> None:
-    scenario = read_scenario(CORRIDOR / "scenario/scenario.sumocfg", CORRIDOR, "ego", 720.0)
+    scenario = read_scenario(CORRIDOR / "scenario/scenario.sumocfg", "ego", 720.0)
     own_vtype = scenario.demand.subject_vtype
     template = template_of("planner", own_vtype)
     assert template.class_names[-1] == own_vtype

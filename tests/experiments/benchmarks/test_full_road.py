@@ -16,7 +16,7 @@ from tests.places import CORRIDOR
 
 @pytest.fixture(scope="module")
 def template() -> WorldTemplate:
-    scenario = read_scenario(CORRIDOR / "scenario/scenario.sumocfg", CORRIDOR, "ego", 720.0)
+    scenario = read_scenario(CORRIDOR / "scenario/scenario.sumocfg", "ego", 720.0)
     return build_template(scenario, ParameterLayout(("main",), (("f_main_o1", "f_main_e"),), ("car",), ("tau",)))
 
 

@@ -70,8 +70,8 @@ WRONG = {
     "another model": (replaced("case.toml", '"IDM"', '"W99"'), "car_following|parameters"),
     "an unknown model": (replaced("case.toml", '"IDM"', '"Wiedemann"'), "car_following"),
     "a DOCTYPE": (replaced(DEMAND, "<routes", "<!DOCTYPE routes [<!ENTITY a 'b'>]>\n<routes"), "demand.rou.xml"),
-    "a configuration that leaves the folder": (
-        replaced(CONFIG, r'value="net\.net\.xml"', 'value="../../../net.net.xml"'), "scenario.sumocfg"),
+    "a network elsewhere that is not there": (
+        replaced(CONFIG, r'value="net\.net\.xml"', 'value="../../../net.net.xml"'), "net.net.xml"),
 }  # fmt: skip
 
 
@@ -118,6 +118,23 @@ def test_run_folder_of_another_case(case: Path, capsys: pytest.CaptureFixture[st
     toml.write_text(toml.read_text().replace('name = "corridor"', 'name = "elsewhere"'))
     assert calibrate(case, out=out, resume=True, quiet=True) == EXIT_CASE_WRONG
     assert "run.json: case" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("file", [OBJECTS, DEMAND])
+def test_a_run_is_bound_to_files_that_lie_elsewhere(case: Path, file: str):
+    from jaxcalib.case.case import read_case
+    from jaxcalib.runs.run_folder import files_elsewhere, identify
+
+    elsewhere = case.parent / "elsewhere" / Path(file).name
+    elsewhere.parent.mkdir()
+    (case / file).rename(elsewhere)
+    naming, old = ("case.toml", file) if file == OBJECTS else (CONFIG, Path(file).name)
+    (case / naming).write_text((case / naming).read_text().replace(f'"{old}"', f'"{elsewhere}"'))
+    assert files_elsewhere(read_case(case)) == (elsewhere.resolve(),)
+    before = identify(read_case(case), {})
+    elsewhere.write_bytes(elsewhere.read_bytes() + b" ")
+    after = identify(read_case(case), {})
+    assert (before["case"] == after["case"], before["program"] == after["program"]) == (False, True)
 
 
 def test_a_begun_run_needs_resume_and_the_same_options(case: Path, capsys: pytest.CaptureFixture[str]):

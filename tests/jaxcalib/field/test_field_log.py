@@ -130,7 +130,7 @@ def test_parquet_gives_the_same_as_csv(read: Callable, straight_drive: Tables, d
 
 def test_read_drives_reads_them_all(read: Callable, straight_drive: Tables, drive_case: Case, row_map: RowMap):
     read(straight_drive)
-    assert [log.id for log in read_drives(drive_case, row_map)] == ["d01"]
+    assert [log.id for log in read_drives(drive_case, row_map).drives] == ["d01"]
 
 
 @settings(max_examples=10, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])

@@ -99,7 +99,7 @@ def test_attributes_flows_and_departure_are_in_the_files(
 
 def test_what_is_written_is_read_back(write: Callable[..., WrittenScenario], layout: ParameterLayout):
     written = write("again", is_handed_over=True)
-    scenario = read_scenario(written.config, written.config.parent, "ego", 720.0)
+    scenario = read_scenario(written.config, "ego", 720.0)
     np.testing.assert_allclose(build_template(scenario, layout).base_values(), VALUES, rtol=1e-6)
     assert scenario.demand.subject_depart_s == DEPART_S
     assert scenario.configuration.processing["time-to-teleport"] == "-1"
@@ -129,7 +129,7 @@ def test_every_way_to_write_a_flow(
 ):
     demand = own_corridor / "scenario/demand.rou.xml"
     demand.write_text(demand.read_text().replace('period="exp(0.127111)"', rate))
-    scenario = read_scenario(own_corridor / "scenario/scenario.sumocfg", own_corridor, "ego", 720.0)
+    scenario = read_scenario(own_corridor / "scenario/scenario.sumocfg", "ego", 720.0)
     alone = ParameterLayout(("on1",), (("f_on1_e",),), layout.vtypes, ())
     factor = flow_factors(scenario, alone, [1280.0])["f_on1_e"]
     assert factor * scenario.mean_rate_vehps("f_on1_e") == pytest.approx(1280 / 3600)
@@ -143,7 +143,7 @@ def test_a_bounded_speed_factor_keeps_its_bounds(own_corridor: Path, layout: Par
     demand = own_corridor / "scenario/demand.rou.xml"
     text = demand.read_text().replace('speedFactor="1.0" speedDev="0.1"', 'speedFactor="normc(1.0, 0.1, 0.7, 1.4)"')
     demand.write_text(text)
-    scenario = read_scenario(own_corridor / "scenario/scenario.sumocfg", own_corridor, "ego", 720.0)
+    scenario = read_scenario(own_corridor / "scenario/scenario.sumocfg", "ego", 720.0)
     assert scenario.values_of("car")["speedDev"] == pytest.approx(0.1)
     written = write_scenario(scenario, layout, VALUES, DEPART_S, "ego", tmp_path)
     car = element(written.files[-1], "vType", "car")
@@ -161,8 +161,23 @@ def test_flows_that_begin_later_stand_behind_who_departs_before(
     begin = begin.replace('id="f_on1_o1" type="car" route="r_on1_o1" begin="0"',
                           'id="f_on1_o1" type="car" route="r_on1_o1" begin="350"')  # fmt: skip
     demand.write_text(begin)
-    scenario = read_scenario(own_corridor / "scenario/scenario.sumocfg", own_corridor, "ego", 720.0)
+    scenario = read_scenario(own_corridor / "scenario/scenario.sumocfg", "ego", 720.0)
     written = write_scenario(scenario, layout, VALUES, (300.0, 340.0, 380.0), "ego", tmp_path)
     timed = [one for one in ET.parse(written.files[-1]).getroot() if one.tag in ("flow", "vehicle")]
     times = [float(one.get("depart") or one.get("begin") or 0.0) for one in timed]
     assert times == sorted(times) == [0.0, 0.0, 300.0, 340.0, 350.0, 350.0, 380.0]
+
+
+def test_the_vtype_that_no_file_names_is_written_where_it_is_calibrated(own_corridor: Path, tmp_path: Path):
+    demand = own_corridor / "scenario/demand.rou.xml"
+    demand.write_text(demand.read_text().replace('type="car" ', ""))
+    scenario = read_scenario(own_corridor / "scenario/scenario.sumocfg", "ego", 720.0)
+    assert {flow.vtype for flow in scenario.flows} == {"DEFAULT_VEHTYPE"}
+    layout = ParameterLayout((), (), ("DEFAULT_VEHTYPE",), ("tau", "sigma"))
+    written = write_scenario(scenario, layout, [1.4, 0.3], DEPART_S, "ego", tmp_path)
+    first = ET.parse(written.files[0]).getroot()[0]
+    assert (first.tag, first.get("id"), first.get("tau")) == ("vType", "DEFAULT_VEHTYPE", "1.4")
+    from sim_adapters.scenario.configuration import read_configuration
+    from sim_adapters.sumo.loading import load_in_sumo
+
+    assert load_in_sumo(read_configuration(written.config)).vtypes["DEFAULT_VEHTYPE"]["tau"] == 1.4

@@ -124,7 +124,7 @@ def test_sumo_s_own_words_are_kept_and_not_said_twice(
     """SUMO's exceptions cannot be sent from a worker; what they say can."""
     demand = own_corridor / "scenario/demand.rou.xml"
     demand.write_text(demand.read_text().replace(*spoilt, 1))
-    scenario = read_scenario(own_corridor / "scenario/scenario.sumocfg", own_corridor, "ego", 720.0)
+    scenario = read_scenario(own_corridor / "scenario/scenario.sumocfg", "ego", 720.0)
     (outcome,) = make_runs(None, [1], scenario=scenario)
     assert outcome.status is Status.FAILED
     assert outcome.log_tail.startswith(words)

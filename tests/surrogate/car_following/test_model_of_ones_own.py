@@ -127,7 +127,7 @@ def test_with_a_row_in_the_table_a_scenario_may_name_it(copy: Path) -> None:
         from jaxcalib.problem.parameter_space import ranges_of
         from sim_adapters.scenario.scenario import read_scenario
         from sim_adapters.scenario.sumo_names import vehicle_class, with_attribute
-        scenario = read_scenario(Path("case/scenario/scenario.sumocfg"), Path("case"), "ego", 720.0)
+        scenario = read_scenario(Path("case/scenario/scenario.sumocfg"), "ego", 720.0)
         model = scenario.model_of("car")
         car = vehicle_class(scenario.values_of("car"), model)
         print(model, type(car.car_following).__name__, car.car_following.gap_rate_1ps2)

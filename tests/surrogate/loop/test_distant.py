@@ -36,7 +36,7 @@ def scenario_with(far: str, corridor_folder: Path, tmp_path: Path) -> Scenario:
     for file in (corridor_folder / "scenario").iterdir():
         text = file.read_text(encoding="utf-8")
         (folder / file.name).write_text(text.replace("<vType id=", f"<vType {far}/>\n<vType id=", 1), encoding="utf-8")
-    return read_scenario(folder / "scenario.sumocfg", tmp_path, "ego", 720.0)
+    return read_scenario(folder / "scenario.sumocfg", "ego", 720.0)
 
 
 def world_of(template: WorldTemplate) -> World:

@@ -1,0 +1,102 @@
+"""The drives that a new case is made of: their tables, as far as a case needs to know them."""
+
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from jaxcalib.case.case import Role
+from jaxcalib.errors import CaseError
+from jaxcalib.field.log_tables import EmptyLogError, SubjectLog, read_object_log, read_subject_log
+
+TABLE_SUFFIXES = re.compile(r"(\.csv|\.csv\.gz|\.parquet)$", re.IGNORECASE)
+DRIVE_ID = re.compile(r"[^\x00-\x1f\x7f/\\.][^\x00-\x1f\x7f/\\]{0,99}")
+HELD_OUT_SHARE = 1 / 3
+
+
+@dataclass(frozen=True)
+class RecordedDrive:
+    """A drive's tables.
+
+    Attributes:
+        id: its name.
+        subject_file: table of the subject vehicle.
+        objects_file: table of the detected vehicles.
+        log: the subject vehicle's table.
+        ahead_m: farthest object ahead; 0 where there is none.
+        behind_m: farthest object behind.
+    """
+
+    id: str
+    subject_file: Path
+    objects_file: Path
+    log: SubjectLog
+    ahead_m: float
+    behind_m: float
+
+    @property
+    def begin_s(self) -> float:
+        """Time of the first row."""
+        return float(self.log.time_s[0])
+
+    @property
+    def end_s(self) -> float:
+        """Time of the last row."""
+        return float(self.log.time_s[-1])
+
+    @property
+    def driven_m(self) -> float:
+        """Distance by speeds; rows without one count as standing."""
+        return float(np.sum(np.nan_to_num(self.log.speed_mps[1:]) * np.diff(self.log.time_s)))
+
+
+def read_recorded_drives(tables: Sequence[tuple[Path, Path]]) -> tuple[tuple[RecordedDrive, ...], tuple[str, ...]]:
+    """Read the tables of drives.
+
+    Args:
+        tables: for each drive the subject vehicle's and the objects'.
+
+    Returns:
+        The drives, and one line for each that has no rows and is left out.
+
+    Raises:
+        CaseError: a table is missing or wrong, or no drive has rows.
+    """
+    for file in (file for pair in tables for file in pair):
+        if not file.is_file():
+            raise CaseError("command line", "--drive", f"expected an existing file, got '{file}'.")
+    drives, left_out = [], []
+    for name, (subject_file, objects_file) in zip(_ids(tables), tables, strict=True):
+        try:
+            log = read_subject_log(subject_file)
+        except EmptyLogError as error:
+            left_out.append(f"drive {name} is left out: {error}")
+            continue
+        offset_m = read_object_log(objects_file).relative_x_m
+        ahead_m, behind_m = (float(np.nanmax(side, initial=0.0)) for side in (offset_m, -offset_m))
+        drives.append(RecordedDrive(name, subject_file, objects_file, log, ahead_m, behind_m))
+    if not drives:
+        raise CaseError("command line", "--drive", f"expected a drive with rows at least; {left_out[0]}")
+    return tuple(drives), tuple(left_out)
+
+
+def _ids(tables: Sequence[tuple[Path, Path]]) -> list[str]:
+    """Names of the drives: what their files have in common, or numbers where that is nothing or not one's own."""
+    names = []
+    for subject_file, objects_file in tables:
+        first, second = (TABLE_SUFFIXES.sub("", file.name) for file in (subject_file, objects_file))
+        length = next((i for i, (a, b) in enumerate(zip(first, second, strict=False)) if a != b), 0)
+        names.append(first[:length].rstrip("_- ."))
+    if len(set(names)) == len(names) and all(DRIVE_ID.fullmatch(name) for name in names):
+        return names
+    return [f"d{number:02d}" for number in range(1, len(tables) + 1)]
+
+
+def roles_of(num_drives: int) -> list[Role]:
+    """Hold out a third of the drives, evenly over them, and one at least where there are two."""
+    num_held_out = max(1, round(HELD_OUT_SHARE * num_drives)) if num_drives > 1 else 0
+    held_out = {math.ceil((k + 1) * num_drives / num_held_out) - 1 for k in range(num_held_out)}
+    return ["held_out" if number in held_out else "fit" for number in range(num_drives)]
