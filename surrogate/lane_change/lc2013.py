@@ -10,8 +10,8 @@ Deviations, each because vehicles decide together here and one after the other t
   behind, in SUMO from ahead only;
 - the gain of the two sides is remembered apart, as SUMO 1.28 does; its sources of 2022, with one memory for both,
   do not reproduce 1.28 (compared step by step on 75,000 vehicle steps);
-- rules for stopped vehicles, pedestrians, roundabouts, opposite lanes and counter-changing vehicles at a dead end are
-  left out: no road that this simulator accepts has them.
+- rules for stopped vehicles, pedestrians, roundabouts and opposite lanes are left out: no road that this simulator
+  accepts has them.
 """
 
 import equinox as eqx

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from surrogate.lane_change.cooperation import NO_ADVICE, requests
+from surrogate.lane_change.counter_change import leave_room
 from surrogate.lane_change.gap_acceptance import Following
 from surrogate.lane_change.lanes import Lanes
 from surrogate.lane_change.old_follower import OldFollower
@@ -120,6 +121,10 @@ def negotiate(
         judged = judge_gaps(part, around, chosen(old_follower), classes, step_s)
         gaps = jax.tree.map(partial(jnp.where, is_right), *judged.gaps)
         request = requests(ego, side, gaps, following, around.after_right, is_right, interval_s, step_s)
+        leader = side.leader_entry
+        comes_over = jnp.where(is_right, take(duty.must_left, leader), take(duty.must_right, leader))
+        leader_remaining_m = take(duty.lanes.need.remaining_m, leader)
+        own_stop, leader_stop = leave_room(ego, side, comes_over, leader_remaining_m, following, step_s)
 
         def heard(receiver: Int[Array, " chosen"], exists: Flag, advice_mps2: Value) -> Value:
             # advice harder than the receiver would brake is ignored, as in SUMO
@@ -128,9 +133,9 @@ def negotiate(
 
         own = request.own_advice_mps2
         return _Asking(
-            own_advice_mps2=jnp.where(own >= hardest_mps2(following), own, NO_ADVICE),
-            leader=side.leader_entry,
-            leader_advice_mps2=heard(side.leader_entry, side.leader_exists, request.leader_advice_mps2),
+            own_advice_mps2=jnp.minimum(jnp.where(own >= hardest_mps2(following), own, NO_ADVICE), own_stop),
+            leader=leader,
+            leader_advice_mps2=jnp.minimum(heard(leader, side.leader_exists, request.leader_advice_mps2), leader_stop),
             follower=side.follower_entry,
             follower_advice_mps2=heard(side.follower_entry, side.follower_exists, request.follower_advice_mps2),
             asks_follower=request.asks_follower & side.follower_exists,
