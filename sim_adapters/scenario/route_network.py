@@ -30,7 +30,7 @@ class RouteNetwork:
         net: the sumolib network, for projections and shapes.
         findings: what of it the surrogate cannot follow.
         zones: stretches on which the surrogate's vehicles change between lanes of different edges.
-        is_left_hand: whether traffic drives on the left, so that lane 0 is the leftmost.
+        is_left_hand: whether traffic drives on the left and lanes are drawn so: lane 0 is the leftmost.
     """
 
     file: Path
@@ -78,7 +78,7 @@ def read_route_network(
         routes: edges of all routes in the demand; what lies off the subject vehicle's route becomes a ramp.
         vclasses: SUMO's vehicle classes of the traffic.
         users: who drives along each route, for messages.
-        is_left_hand: whether traffic drives on the left.
+        is_left_hand: whether the network says that traffic drives on the left.
 
     Raises:
         ScenarioError: a route has an edge that the network lacks, or two edges that are not connected.
@@ -95,7 +95,8 @@ def read_route_network(
         for lane in net.getEdge(edge).getLanes():
             lanes[(edge, lane.getIndex())] = _route_lane(file, lane, (start_m, end_m), place, vclasses, used, findings)
     ramps = tuple(edge for edge in place if edge not in main_edges)
-    joints = join_lanes(file.name, lanes, tuple(main_edges), net, is_left_hand)
+    is_mirrored = is_left_hand and _is_drawn_from_left(net, main_edges)
+    joints = join_lanes(file.name, lanes, tuple(main_edges), net, is_mirrored)
     return RouteNetwork(
         file=file,
         main_edges=tuple(main_edges),
@@ -106,7 +107,7 @@ def read_route_network(
         net=net,
         findings=tuple(counted([*findings, *joints.findings, *forking_lanes(file, lanes, main_edges)])),
         zones=joints.zones,
-        is_left_hand=is_left_hand,
+        is_left_hand=is_mirrored,
     )
 
 
@@ -198,6 +199,17 @@ def _route_lane(
         is_acceleration=bool(lane.isAccelerationLane()) if hasattr(lane, "isAccelerationLane") else False,
         is_open=not closed_to,
     )
+
+
+def _is_drawn_from_left(net: Any, main_edges: Sequence[str]) -> bool:
+    """Whether lane 1 is drawn on the right of lane 0; so it is, too, where no edge has two lanes to tell it by."""
+    for edge in main_edges:
+        lanes = net.getEdge(edge).getLanes()
+        if len(lanes) > 1:
+            (x, y), (ahead_x, ahead_y) = (point[:2] for point in lanes[0].getShape()[:2])
+            beside_x, beside_y = lanes[1].getShape()[0][:2]
+            return (ahead_x - x) * (beside_y - y) - (ahead_y - y) * (beside_x - x) < 0.0
+    return True
 
 
 def _junction_lanes(net: Any, lanes: dict[LaneKey, RouteLane]) -> dict[str, tuple[LaneKey, float]]:

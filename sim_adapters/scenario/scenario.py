@@ -161,7 +161,11 @@ def read_scenario(
         *network.findings,
     ]
     if is_left_hand:
-        words = "left-hand traffic, mirrored; lane 1 of the logs is the rightmost, the network's last"
+        words = (
+            "left-hand traffic, mirrored; lane 1 of the logs is the rightmost, the network's last"
+            if network.is_left_hand
+            else "left-hand traffic; lanes are drawn from the right, and taken so"
+        )
         findings.append(Finding(Level.FOLLOWED, configuration.net_file.name, "attribute 'lefthand' of <net>", words))
     return replace(scenario, findings=tuple(_placed(demand, finding) for finding in findings))
 

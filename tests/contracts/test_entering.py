@@ -65,7 +65,7 @@ def scenario_with(folder: Path, change: Callable[[str], str]) -> Scenario:
     copied = Path(shutil.copytree(CORRIDOR / "scenario", folder / "case/scenario")).parent
     demand = copied / "scenario/demand.rou.xml"
     demand.write_text(change(demand.read_text()))
-    return read_scenario(copied / "scenario/scenario.sumocfg", copied, "ego", END_S)
+    return read_scenario(copied / "scenario/scenario.sumocfg", "ego", END_S)
 
 
 def mixed_demand(text: str) -> str:

@@ -63,6 +63,8 @@ def read(case: Case, scenario: Scenario, folder: Path, subject: pd.DataFrame, ob
 def test_a_mirrored_drive_is_the_same_drive(
     corridor: Scenario, mirrored: Scenario, tmp_path: Path, has_object_lanes: bool
 ):
+    assert (corridor.network.is_left_hand, mirrored.network.is_left_hand) == (False, True)
+    assert "mirrored" in mirrored.findings[0].words
     case, num_lanes = read_case(CORRIDOR), corridor.network.lane_count
     subject, objects = tables(corridor, has_object_lanes=has_object_lanes)
     # lanes are counted on the edge of each vehicle: that of the subject vehicle stands in its log

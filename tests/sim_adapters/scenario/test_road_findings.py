@@ -61,10 +61,10 @@ def test_a_closed_lane_at_the_entrance_serves_no_route(own_corridor: Path):
 
 def test_left_hand_traffic_is_told(own_corridor: Path):
     scenario = read_with(own_corridor, ("<net ", '<net lefthand="true" '))
-    assert scenario.network.is_left_hand
+    assert not scenario.network.is_left_hand  # the corridor is drawn for traffic on the right
     (finding,) = scenario.findings
     assert finding.level is Level.FOLLOWED
-    assert "left-hand" in finding.words
+    assert "left-hand traffic; lanes are drawn from the right" in finding.words
 
 
 def test_all_routes_that_cannot_be_driven_are_found_at_once(own_corridor: Path):
