@@ -30,6 +30,7 @@ from surrogate.road.traffic_state import TrafficState, VehicleArrays
 from surrogate.vehicle.car_following_model import FollowingSituation
 from surrogate.vehicle.vehicle_class import CarFollowingMix, VehicleClass, select_by_class
 from surrogate.xla.gather import take
+from surrogate.xla.materialise import materialise
 
 RANDOM_PLACES = 10  # that SUMO tries for "random_free"
 WAITING_SLOTS = 16  # of those who wait for the same lanes, so many may be overtaken by who wants another
@@ -101,7 +102,7 @@ def entrants_by_rule(
     """
     rules, vehicles = inflow.rules, state.vehicles
     assert rules is not None
-    waiting, everybody = _who_asks(state, queues, inflow, subject, now_s, subject_first)
+    waiting, everybody = materialise(_who_asks(state, queues, inflow, subject, now_s, subject_first))
     vehicle_class = jnp.take_along_axis(inflow.flow_class, everybody.flow, axis=1)
     vehicle_class = jnp.where(everybody.is_subject, subject.vehicle_class, vehicle_class)
     destination = jnp.take_along_axis(inflow.flow_destination, everybody.flow, axis=1)
@@ -126,7 +127,7 @@ def entrants_by_rule(
         any_lane = uniform(seed, keys, state.step, Purpose.DEPART_LANE)
         is_any = (rules.lane == Lane.RANDOM)[:, None, None] & (preference > -jnp.inf)
         preference = jnp.where(is_any, any_lane, preference)
-    chosen = first_of_each_lane(preference)
+    chosen = materialise(first_of_each_lane(materialise(preference)))
 
     def of(values: Array) -> Array:
         return jnp.take_along_axis(values, jnp.maximum(chosen, 0), axis=1)
@@ -148,6 +149,8 @@ def entrants_by_rule(
     adapts |= ~is_occupied & jnp.isin(ways.speed, jnp.asarray((Speed.AVERAGE, Speed.LAST)))
     adapts |= ways.position == Position.FREE
 
+    vehicle_class, speed, desired, adapts = materialise((vehicle_class, speed, desired, adapts))
+
     # where and when: at each step since the last decision, the first first
     model = CarFollowingMix(tuple(c.car_following for c in classes), vehicle_class)
     length = select_by_class([c.length_m for c in classes], vehicle_class)
@@ -156,11 +159,12 @@ def entrants_by_rule(
         rules.positions, ways, start_m, end_m, length, behind_last_m, seed, asking.identity, state.step, num_steps,
         step_s,
     )  # fmt: skip
+    position, ago_s, is_tried = materialise((position, ago_s, is_tried))
     is_tried &= (now_s - ago_s > asking.since_s[:, :, None] - step_s) | (ago_s == 0.0)
     checked, fits = _checked_speed(
         state, classes, vehicle_class, row, position, ago_s, speed, adapts, desired, length, step_s
     )
-    fits &= is_tried
+    checked, fits = materialise((checked, fits & is_tried))
     attempt = jnp.argmax(fits, axis=2, keepdims=True)
 
     def of_attempt(values: Attempt) -> Candidate:
@@ -168,7 +172,7 @@ def entrants_by_rule(
 
     enters = is_waiting & jnp.any(fits, axis=2)
     enters &= _is_first_on_lane(row, enters, asking.since_s)
-    position, speed, ago_s = of_attempt(position), of_attempt(checked), of_attempt(ago_s)
+    position, speed, ago_s = materialise((of_attempt(position), of_attempt(checked), of_attempt(ago_s)))
     ahead = entry_ahead(position, row, vehicles.position_m, state.head)
     position, speed = _moved_on(state, classes, model, ahead, position, speed, ago_s, desired, num_steps, step_s)
     newcomers = new_vehicles(
