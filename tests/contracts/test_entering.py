@@ -113,8 +113,8 @@ def entries_in_sumo(start_sumo: Callable[..., subprocess.Popen], scenario: Scena
     return runs
 
 
-def drive(template: WorldTemplate, steps_per_decision: int, capacity: int = 288) -> list[list[TrafficState]]:
-    """Return, for each seed, the states right after each decision."""
+def drive(template: WorldTemplate, steps_per_decision: int, capacity: int = 288) -> list[tuple]:
+    """Return, for each seed, what is seen right after each decision: see `one`."""
     clock = Clock(step_s=0.1, steps_per_decision=steps_per_decision)
     values = jnp.asarray(template.base_values(), jnp.float32)
 
