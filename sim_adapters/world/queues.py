@@ -9,12 +9,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array
 
 from sim_adapters.scenario.demand_elements import Departure
 from sim_adapters.scenario.demand_file import VEHICLES, Flow, Vehicle
 from sim_adapters.scenario.scenario import Scenario
-from sim_adapters.world.departures import LANES, departure_of
+from sim_adapters.world.departures import BEST, LANES, departure_of, lanes_of
 from surrogate.inflow.departure import DepartureRules, Lane
 from surrogate.inflow.timetable import Schedule
 
@@ -169,3 +170,24 @@ def _floats(values: list[float], otherwise: float = 0.0) -> Array:
 
 def _whole(values: list[int], otherwise: int = 0) -> Array:
     return jnp.asarray(values or [otherwise], jnp.int32)
+
+
+def entrance_tables(scenario: Scenario, queues: list[Queue]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return rows of the lanes, which lanes serve which destination, and begin and end of each queue's edge."""
+    network = scenario.network
+    most = max(network.lane_count[edge] for edge in scenario.entrances)
+    lane_row = np.full((len(queues), most), -1)
+    serves = np.zeros((len(queues), len(scenario.destinations), most), bool)
+    edge_m = np.zeros((len(queues), 2))
+    routes = [flow.route for flow in scenario.flows] + [scenario.demand.subject_route]
+    for q, queue in enumerate(queues):
+        edge = queue.edge
+        edge_m[q] = network.edge_start_m(edge), network.edge_end_m(edge)
+        for lane in range(network.lane_count[edge]):
+            lane_row[q, lane] = scenario.row_map.row_of_lane[(edge, lane)]
+        for d, destination in enumerate(scenario.destinations):
+            route = next((r for r in routes if r[0] == edge and r[-1] == destination), None)
+            if route is not None:
+                lanes = lanes_of(network, route, queue.lane or BEST[0])
+                serves[q, d, : len(lanes)] = lanes
+    return lane_row, serves, edge_m

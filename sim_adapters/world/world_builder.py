@@ -15,10 +15,9 @@ from sim_adapters.scenario.road_builder import build_road
 from sim_adapters.scenario.scenario import Scenario
 from sim_adapters.scenario.sumo_names import vehicle_class, with_attribute
 from sim_adapters.units import SECONDS_PER_HOUR
-from sim_adapters.world.departures import BEST, lanes_of
 from sim_adapters.world.distant_vtypes import check_distant_vtypes
 from sim_adapters.world.logged_drive import LoggedDrive, logged_motion_of
-from sim_adapters.world.queues import Queue, is_plain, queues_of, rules_of, schedule_of
+from sim_adapters.world.queues import entrance_tables, is_plain, queues_of, rules_of, schedule_of
 from surrogate.effects.apply import NUM_CLASSES_OF_EFFECTS, classes_with_effects, true_inputs
 from surrogate.effects.settings import Effects
 from surrogate.inflow.departure import DepartureRules
@@ -282,7 +281,7 @@ def build_template(
             destination[e, f] = scenario.destinations.index(flow.route[-1])
             vehicle_classes[e, f] = names.index(flow.vtype)
             window[e] = flow.begin_s, flow.end_s
-    lane_row, serves, edge_m = _entrance_tables(scenario, queues)
+    lane_row, serves, edge_m = entrance_tables(scenario, queues)
     has_schedule = not is_plain(scenario)
     return WorldTemplate(
         layout=layout,
@@ -310,24 +309,3 @@ def build_template(
         entrance_of_queue=np.asarray([scenario.entrances.index(q.edge) for q in queues]) if has_schedule else None,
         vehicle_scale=scenario.configuration.scale,
     )
-
-
-def _entrance_tables(scenario: Scenario, queues: list[Queue]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return rows of the lanes, which lanes serve which destination, and begin and end of each queue's edge."""
-    network = scenario.network
-    most = max(network.lane_count[edge] for edge in scenario.entrances)
-    lane_row = np.full((len(queues), most), -1)
-    serves = np.zeros((len(queues), len(scenario.destinations), most), bool)
-    edge_m = np.zeros((len(queues), 2))
-    routes = [flow.route for flow in scenario.flows] + [scenario.demand.subject_route]
-    for q, queue in enumerate(queues):
-        edge = queue.edge
-        edge_m[q] = network.edge_start_m(edge), network.edge_end_m(edge)
-        for lane in range(network.lane_count[edge]):
-            lane_row[q, lane] = scenario.row_map.row_of_lane[(edge, lane)]
-        for d, destination in enumerate(scenario.destinations):
-            route = next((r for r in routes if r[0] == edge and r[-1] == destination), None)
-            if route is not None:
-                lanes = lanes_of(network, route, queue.lane or BEST[0])
-                serves[q, d, : len(lanes)] = lanes
-    return lane_row, serves, edge_m

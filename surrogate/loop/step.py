@@ -10,9 +10,10 @@ from jaxtyping import Array, Bool, Int
 
 from surrogate.effects.apply import decide_lanes, remember_lane_changes, road_demands, with_lane_changes, with_memories
 from surrogate.effects.base import Moment
+from surrogate.inflow.asking import WAITING_SLOTS, still_waiting
 from surrogate.inflow.entering import entrants
 from surrogate.inflow.inflow import ArrivalDraws, arrive
-from surrogate.inflow.insertion import WAITING_SLOTS, entrants_by_rule, still_waiting
+from surrogate.inflow.insertion import entrants_by_rule
 from surrogate.inflow.newcomers import NOBODY_WAITS
 from surrogate.lane_change.decide import decide
 from surrogate.lane_change.manoeuvre import (

@@ -3,7 +3,8 @@
 import jax.numpy as jnp
 import numpy as np
 
-from surrogate.inflow.insertion import first_of_each_lane, still_waiting, wants_less_than_someone_right
+from surrogate.inflow.asking import still_waiting
+from surrogate.inflow.lane_choice import first_of_each_lane, wants_less_than_someone_right
 from surrogate.inflow.newcomers import Entrants
 from surrogate.road.traffic_state import empty_vehicles
 
