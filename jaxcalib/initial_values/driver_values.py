@@ -1,6 +1,6 @@
 """Driver parameters that the logs show before any traffic is simulated, each with its error."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,7 +8,7 @@ from jaxtyping import Array
 
 from jaxcalib.field.field_log import DriveLog
 from jaxcalib.initial_values.accepted_gaps import accepted_gaps, assertiveness
-from jaxcalib.initial_values.following_fit import FollowingFit, fit_following, loss_of_pairs
+from jaxcalib.initial_values.following_fit import SCALES_MPS2, FollowingFit, fit_following, loss_of_pairs
 from jaxcalib.initial_values.following_samples import FollowingSamples, following_samples
 from jaxcalib.problem.parameter_space import ParameterSpace
 from sim_adapters.scenario.scenario import Scenario
@@ -16,9 +16,12 @@ from sim_adapters.scenario.sumo_names import following_attributes, vehicle_class
 from surrogate.vehicle.car_following_model import CarFollowingModel
 
 MOST_SAMPLES = 100_000
-FEWEST_SAMPLES = 2_000
+FEWEST_FOLLOWED_S = 200.0
+NOISE_MPS2 = 2.0 * SCALES_MPS2[-1]  # of the mean acceleration between two moments, within which a model explains them
+LONGEST_SPAN_S = 4.0
 FEWEST_DRIVERS = 30
 LEAST_EXPLAINED_SHARE = 0.25  # below it the model does not describe these drivers, and its fit says nothing
+LEAST_OF_MEANS = 0.5  # the same of accelerations averaged over several steps, from which most noise is gone
 LEAST_ERROR = 0.002  # of the unit range
 UNEXPLAINED_ERROR = 0.02  # of the unit range, where as many moments stay unexplained as are explained
 SPEED_FACTOR_ERROR = 0.02  # drivers as fast as the subject vehicle are met less often than others
@@ -90,7 +93,8 @@ def estimate_drivers(
     fitted = [name for name in following_attributes(model) if name in attributes]
     chosen = np.asarray([num_inputs + attributes.index(name) for name in fitted], int)
     if fitted:
-        samples = following_samples(drives, nominal_length_m, step_s, 1)
+        num_steps = steps_between_moments(numbers, step_s)
+        samples = following_samples(drives, nominal_length_m, step_s, num_steps)
         num_samples = len(samples)
 
         def model_of(theta: Array) -> CarFollowingModel:
@@ -99,13 +103,13 @@ def estimate_drivers(
                 one = with_attribute(one, model, name, theta[index])
             return one.car_following
 
-        if num_samples >= FEWEST_SAMPLES:
-            samples = samples.thin(MOST_SAMPLES)
+        if num_samples * step_s >= FEWEST_FOLLOWED_S:
+            samples = samples.thin(MOST_SAMPLES // num_steps)
             start = np.asarray([numbers[name] for name in fitted])
             lower, upper = space.lower[chosen], space.upper[chosen]
             limit = limits_at(scenario, samples)
             following = fit_following(samples, limit, model_of, np.clip(start, lower, upper), lower, upper, seed)
-            if following.explained_share >= LEAST_EXPLAINED_SHARE:
+            if following.explained_share >= (LEAST_EXPLAINED_SHARE if num_steps == 1 else LEAST_OF_MEANS):
                 replay_loss = loss_of_pairs(samples, limit, model_of, following)
     if following is not None and replay_loss is not None:
         found = np.concatenate([space.lower[:num_inputs], values])
@@ -135,6 +139,20 @@ def estimate_drivers(
         error = assertive.logarithmic_error / np.log(one.upper / one.lower)
         note("lcAssertive", assertive.value, float(error), "accepted gaps")
     return DriverEstimate(values, unit_error, tuple(source), following, num_samples, tuple(fitted), replay_loss)
+
+
+def steps_between_moments(numbers: Mapping[str, float], step_s: float) -> int:
+    """Steps over which accelerations are averaged, so that a driver's random part leaves his rules to be seen.
+
+    Args:
+        numbers: the vType's attributes as the scenario has them.
+        step_s: length of a step.
+
+    Source: Krauss' dawdling takes a uniform share of up to sigma times accel off each step's acceleration.
+    """
+    noise_mps2 = numbers.get("sigma", 0.0) * numbers.get("accel", 0.0) / np.sqrt(12.0)
+    wanted = int(np.ceil((noise_mps2 / NOISE_MPS2) ** 2))
+    return int(np.clip(wanted, 1, max(1, round(LONGEST_SPAN_S / step_s))))
 
 
 def _model_error(explained_share: float) -> float:

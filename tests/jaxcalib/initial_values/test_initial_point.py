@@ -12,6 +12,7 @@ from jaxcalib.initial_values.demand_profile import (
     SectionVolumes,
     estimate_demand,
 )
+from jaxcalib.initial_values.driver_values import steps_between_moments
 from jaxcalib.initial_values.initial_point import InitialPoint, find_initial_point, without_driver_logs
 from jaxcalib.problem.problem import CalibrationProblem
 from tests.small_case import RAMP, TRUE_INPUTS_VEHPH, TRUTH
@@ -137,3 +138,20 @@ def test_the_scenario_itself_is_found_where_the_field_is_the_scenario(small_prob
     volume = 0.7 * section_volumes(small_problem, 2700.0, 420.0) + 250.0
     found = estimated(small_problem, volume, error, SectionVolumes(volume, error))
     np.testing.assert_allclose(found.values_vehph, found.scenario_vehph, rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("numbers", "step_s", "num_steps"),
+    [
+        ({"sigma": 0.0, "accel": 2.6}, 0.1, 1),
+        ({"accel": 1.3}, 0.1, 1),  # IDM has no sigma
+        ({"sigma": 0.5, "accel": 2.6}, 0.1, 22),  # 0.375 m/s² of a step are 0.08 of the mean of 22
+        ({"sigma": 0.5, "accel": 2.6}, 0.5, 8),  # at most four seconds
+        ({"sigma": 0.1, "accel": 2.6}, 1.0, 1),
+        ({"sigma": 1.0, "accel": 5.0}, 4.5, 1),
+    ],
+)
+def test_dawdling_drivers_are_looked_at_over_as_many_steps_as_average_it_out(
+    numbers: dict[str, float], step_s: float, num_steps: int
+) -> None:
+    assert steps_between_moments(numbers, step_s) == num_steps
