@@ -119,6 +119,7 @@ def search_values(
         if may_leave_surrogate and agreement is not None and not agreement.holds:
             session.progress.notes([f"{agreement}; so SUMO makes the search's runs."])
             evaluator, plan = in_sumo, in_sumo_alone(plan, problem, plan.scale)
+            session.progress.plan(plan.num_surrogate_runs, plan.num_sumo_runs)
     found = search_two_stages(problem, initial, evaluator, settings, plan, session)
     confirming = Evaluator(
         sumo,

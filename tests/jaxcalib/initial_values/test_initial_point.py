@@ -145,7 +145,7 @@ def test_the_scenario_itself_is_found_where_the_field_is_the_scenario(small_prob
     [
         ({"sigma": 0.0, "accel": 2.6}, 0.1, 1),
         ({"accel": 1.3}, 0.1, 1),  # IDM has no sigma
-        ({"sigma": 0.5, "accel": 2.6}, 0.1, 22),  # 0.375 m/s² of a step are 0.08 of the mean of 22
+        ({"sigma": 0.5, "accel": 2.6}, 0.1, 23),  # 0.375 m/s² of a step are 0.08 of the mean of 22.005
         ({"sigma": 0.5, "accel": 2.6}, 0.5, 8),  # at most four seconds
         ({"sigma": 0.1, "accel": 2.6}, 1.0, 1),
         ({"sigma": 1.0, "accel": 5.0}, 4.5, 1),
