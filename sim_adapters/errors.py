@@ -22,12 +22,9 @@ class ScenarioError(ValueError):
     """A scenario that is wrong or that the surrogate cannot represent.
 
     The message is one line: which file, which element, what was expected.
-
-    Attributes:
-        others: further ones of the same kind, found at the same time.
     """
 
-    others: tuple["ScenarioError", ...] = ()
+    others: tuple["ScenarioError", ...] = ()  # further ones of the same kind, found at the same time
 
     def __init__(self, file: Path | str, message: str) -> None:
         """Keep the file and the message."""

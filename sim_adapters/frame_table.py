@@ -12,46 +12,27 @@ PLACES_STEP = 32  # places for objects grow in steps, so that few array shapes o
 
 @dataclass(frozen=True)
 class SubjectTable:
-    """The subject vehicle, one row per instant, in time order.
+    """The subject vehicle, one row per instant, in time order."""
 
-    Attributes:
-        time_s: time on the scenario's clock.
-        position_m: front bumper along the route.
-        speed_mps: speed.
-        acceleration_mps2: acceleration.
-        row: row of the road.
-        lateral_m: offset from the centre of its lane, + left; nan where unknown.
-        num_lanes: lanes of the carriageway there.
-    """
-
-    time_s: np.ndarray
-    position_m: np.ndarray
+    time_s: np.ndarray  # time on the scenario's clock
+    position_m: np.ndarray  # front bumper along the route
     speed_mps: np.ndarray
     acceleration_mps2: np.ndarray
-    row: np.ndarray
-    lateral_m: np.ndarray
-    num_lanes: np.ndarray
+    row: np.ndarray  # row of the road
+    lateral_m: np.ndarray  # offset from the centre of its lane, + left; nan where unknown
+    num_lanes: np.ndarray  # lanes of the carriageway there
 
 
 @dataclass(frozen=True)
 class ObjectTable:
-    """Detected vehicles, one row per instant and vehicle, in any order.
+    """Detected vehicles, one row per instant and vehicle, in any order."""
 
-    Attributes:
-        instant: index of the instant in the subject table.
-        track: number of the vehicle, counting from 0 by first detection.
-        row: row of the road.
-        offset_m: front bumper less that of the subject vehicle, along the road.
-        speed_mps: speed.
-        lateral_m: offset from the centre of its lane, + left; nan where unknown.
-    """
-
-    instant: np.ndarray
-    track: np.ndarray
-    row: np.ndarray
-    offset_m: np.ndarray
+    instant: np.ndarray  # index of the instant in the subject table
+    track: np.ndarray  # number of the vehicle, counting from 0 by first detection
+    row: np.ndarray  # row of the road
+    offset_m: np.ndarray  # front bumper less that of the subject vehicle, along the road
     speed_mps: np.ndarray
-    lateral_m: np.ndarray
+    lateral_m: np.ndarray  # offset from the centre of its lane, + left; nan where unknown
 
 
 def stack_frames(

@@ -28,19 +28,12 @@ class Status(enum.Enum):
 
 @dataclass(frozen=True)
 class ParameterLayout:
-    """Which number of a parameter vector means what.
+    """Which number of a parameter vector means what."""
 
-    Attributes:
-        input_ids: inputs in the order of the vector's first part, values in veh/h.
-        input_flows: flow ids of each input.
-        vtypes: vTypes whose attributes the second part sets.
-        attributes: SUMO attributes in the order of the vector's second part.
-    """
-
-    input_ids: tuple[str, ...]
-    input_flows: tuple[tuple[str, ...], ...]
-    vtypes: tuple[str, ...]
-    attributes: tuple[str, ...]
+    input_ids: tuple[str, ...]  # inputs in the order of the vector's first part, values in veh/h
+    input_flows: tuple[tuple[str, ...], ...]  # flow ids of each input
+    vtypes: tuple[str, ...]  # vTypes whose attributes the second part sets
+    attributes: tuple[str, ...]  # SUMO attributes in the order of the vector's second part
 
     @property
     def num_inputs(self) -> int:
@@ -75,35 +68,21 @@ class RunRequest:
 
 @dataclass(frozen=True)
 class RunOutcome:
-    """What came of a run.
+    """What came of a run."""
 
-    Attributes:
-        request: what was asked.
-        status: whether it may be used.
-        observed: final state of the observer, NumPy leaves; None where the run failed.
-        num_arrived: vehicles that asked to enter, per entrance.
-        num_inserted: vehicles that entered, per entrance.
-        num_collisions: vehicle steps with overlap.
-        num_teleports: vehicles that the simulator removed.
-        num_subject_overlaps: steps in which a subject vehicle that repeats its log overlaps another vehicle.
-        num_vehicle_steps: vehicles on the road, summed over steps; 0 where it is not counted.
-        subject_left: whether the subject vehicle reached its destination before the run ended.
-        wall_s: computing time of this run alone, where it is known; its share where one run answered several requests.
-        log_tail: the simulator's last words if it failed.
-    """
-
-    request: RunRequest
-    status: Status
-    observed: Any
-    num_arrived: np.ndarray
-    num_inserted: np.ndarray
-    num_collisions: int
-    num_teleports: int = 0
-    num_subject_overlaps: int = 0
-    num_vehicle_steps: int = 0
-    subject_left: bool = True
+    request: RunRequest  # what was asked
+    status: Status  # whether it may be used
+    observed: Any  # final state of the observer, NumPy leaves; None where the run failed
+    num_arrived: np.ndarray  # vehicles that asked to enter, per entrance
+    num_inserted: np.ndarray  # vehicles that entered, per entrance
+    num_collisions: int  # vehicle steps with overlap
+    num_teleports: int = 0  # vehicles that the simulator removed
+    num_subject_overlaps: int = 0  # steps in which a subject vehicle that repeats its log overlaps another vehicle
+    num_vehicle_steps: int = 0  # vehicles on the road, summed over steps; 0 where it is not counted
+    subject_left: bool = True  # whether the subject vehicle reached its destination before the run ended
+    # computing time of this run alone, where it is known; its share where one run answered several requests
     wall_s: float = float("nan")
-    log_tail: str = field(default="", repr=False)
+    log_tail: str = field(default="", repr=False)  # the simulator's last words if it failed
 
     @property
     def backlog_share(self) -> float:

@@ -22,28 +22,19 @@ TRAFFIC_LEVEL_MEAN = "traffic_level"  # over the errors of Eqs. 33-36 that there
 
 @dataclass(frozen=True)
 class CaseRow:
-    """What came of one case.
+    """What came of one case."""
 
-    Attributes:
-        name: its folder's name.
-        ending: "result", "refused" or "failed".
-        words: why it was refused or failed, or why SUMO made the search's runs.
-        check_s: time of `jaxcalib check`'s work.
-        calibrate_s: time of the calibration.
-        in_sumo: whether SUMO made the search's runs.
-        errors: held-out errors (of the drives to fit where none is held out) by name: before, after, noise floor, its
-            95 % quantile.
-        share_alike: share of sections in which the surrogate's speed is within the tolerance of SUMO's; the least over
-            the points compared. None where it was not asked.
-    """
-
-    name: str
-    ending: str
-    words: str = ""
-    check_s: float = float("nan")
-    calibrate_s: float = float("nan")
-    in_sumo: bool = False
+    name: str  # its folder's name
+    ending: str  # "result", "refused" or "failed"
+    words: str = ""  # why it was refused or failed, or why SUMO made the search's runs
+    check_s: float = float("nan")  # time of `jaxcalib check`'s work
+    calibrate_s: float = float("nan")  # time of the calibration
+    in_sumo: bool = False  # whether SUMO made the search's runs
+    # held-out errors (of the drives to fit where none is held out) by name: before, after, noise floor, its 95 %
+    # quantile
     errors: Mapping[str, tuple[float, float, float, float]] | None = None
+    # share of sections in which the surrogate's speed is within the tolerance of SUMO's; the least over the
+    # points compared. None where it was not asked.
     share_alike: float | None = None
 
     def is_better(self, name: str) -> bool:

@@ -16,42 +16,23 @@ from jaxcalib.problem.settings import Settings
 
 @dataclass
 class CalibrationRecord:
-    """All that a calibration found.
+    """All that a calibration found."""
 
-    Attributes:
-        problem: what it started from.
-        settings: options.
-        budget: numbers of runs.
-        seed: of all random numbers.
-        initial: what the logs said before the search.
-        found: the search in the surrogate.
-        confirmation: the finalists in SUMO.
-        calibrated: SUMO runs of the result, by role of the drives.
-        uncalibrated: SUMO runs of the scenario as it was.
-        search_seeds: first seed of each kind of run.
-        agreements: surrogate against SUMO, at the scenario's values and at those found.
-        notes: what a user should know of the runs of the scenario as it is.
-        num_surrogate_runs: runs of the search in the surrogate; 0 where SUMO made the search's runs.
-        num_sumo_search_runs: drives of the search in SUMO, where it made the search's runs.
-        surrogate_on_held_out: the surrogate's runs of the result on held-out drives; None where no drive is held out.
-        num_sumo_processes: SUMO runs side by side.
-        wall_s: time of each part.
-    """
-
-    problem: CalibrationProblem
-    settings: Settings
-    budget: Budget
-    seed: int
-    initial: InitialPoint
-    found: TwoStageResult
-    confirmation: Confirmation
-    calibrated: dict[Role, FinalRuns]
-    uncalibrated: dict[Role, FinalRuns]
-    search_seeds: dict[str, int]
-    agreements: tuple[Agreement, ...]
-    notes: tuple[str, ...]
-    num_surrogate_runs: int
+    problem: CalibrationProblem  # what it started from
+    settings: Settings  # options
+    budget: Budget  # numbers of runs
+    seed: int  # of all random numbers
+    initial: InitialPoint  # what the logs said before the search
+    found: TwoStageResult  # the search in the surrogate
+    confirmation: Confirmation  # the finalists in SUMO
+    calibrated: dict[Role, FinalRuns]  # SUMO runs of the result, by role of the drives
+    uncalibrated: dict[Role, FinalRuns]  # SUMO runs of the scenario as it was
+    search_seeds: dict[str, int]  # first seed of each kind of run
+    agreements: tuple[Agreement, ...]  # surrogate against SUMO, at the scenario's values and at those found
+    notes: tuple[str, ...]  # what a user should know of the runs of the scenario as it is
+    num_surrogate_runs: int  # runs of the search in the surrogate; 0 where SUMO made the search's runs
+    # the surrogate's runs of the result on held-out drives; None where no drive is held out
     surrogate_on_held_out: Evaluations | None
-    num_sumo_processes: int
-    wall_s: dict[str, float] = field(default_factory=dict)
-    num_sumo_search_runs: int = 0
+    num_sumo_processes: int  # SUMO runs side by side
+    wall_s: dict[str, float] = field(default_factory=dict)  # time of each part
+    num_sumo_search_runs: int = 0  # drives of the search in SUMO, where it made the search's runs

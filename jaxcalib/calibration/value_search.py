@@ -35,28 +35,18 @@ def plan_calibration(problem: CalibrationProblem, settings: Settings, scale: flo
 
 @dataclass(frozen=True)
 class SearchedValues:
-    """What initial values, the two stages and the confirmation in SUMO found.
+    """What initial values, the two stages and the confirmation in SUMO found."""
 
-    Attributes:
-        plan: numbers of runs, of where the search was made.
-        initial: where the search began.
-        found: what the two stages found.
-        confirmation: what SUMO made of it; its best point is the result.
-        evaluator: of the search on the drives to fit.
-        agreements: surrogate against SUMO, at the scenario's values and at those that the search found; none where the
-            surrogate was not asked.
-        is_in_sumo: whether SUMO made the search's runs.
-        warnings: what the runs of the scenario as it is showed, one line each.
-    """
-
-    plan: Budget
-    initial: InitialPoint
-    found: TwoStageResult
-    confirmation: Confirmation
-    evaluator: Evaluator
+    plan: Budget  # numbers of runs, of where the search was made
+    initial: InitialPoint  # where the search began
+    found: TwoStageResult  # what the two stages found
+    confirmation: Confirmation  # what SUMO made of it; its best point is the result
+    evaluator: Evaluator  # of the search on the drives to fit
+    # surrogate against SUMO, at the scenario's values and at those that the search found; none where the
+    # surrogate was not asked
     agreements: tuple[Agreement, ...]
-    is_in_sumo: bool
-    warnings: tuple[str, ...]
+    is_in_sumo: bool  # whether SUMO made the search's runs
+    warnings: tuple[str, ...]  # what the runs of the scenario as it is showed, one line each
 
     @property
     def values(self) -> np.ndarray:

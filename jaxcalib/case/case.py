@@ -23,49 +23,30 @@ ROLES: tuple[Role, ...] = ("fit", "held_out")
 
 @dataclass(frozen=True)
 class Scenario:
-    """The SUMO scenario.
+    """The SUMO scenario."""
 
-    Attributes:
-        config_file: SUMO configuration.
-        warmup_s: time that is not measured.
-        duration_s: end of the simulation, from time 0, warm-up included.
-        step_s: length of a simulation step.
-    """
-
-    config_file: Path
-    warmup_s: float
-    duration_s: float
-    step_s: float
+    config_file: Path  # SUMO configuration
+    warmup_s: float  # time that is not measured
+    duration_s: float  # end of the simulation, from time 0, warm-up included
+    step_s: float  # length of a simulation step
 
 
 @dataclass(frozen=True)
 class SubjectVehicle:
-    """The automated vehicle in the scenario's demand.
-
-    Attributes:
-        vtype: its vType.
-        vehicle: its id.
-        model: who drives it.
-    """
+    """The automated vehicle in the scenario's demand."""
 
     vtype: str
-    vehicle: str
-    model: SubjectModel = field(default_factory=SubjectModel)
+    vehicle: str  # its id
+    model: SubjectModel = field(default_factory=SubjectModel)  # who drives it
 
 
 @dataclass(frozen=True)
 class Perception:
-    """What the subject vehicle can see.
+    """What the subject vehicle can see."""
 
-    Attributes:
-        ahead_m: range ahead, front bumper to front bumper.
-        behind_m: range behind.
-        nominal_length_m: length assumed for a detected vehicle.
-    """
-
-    ahead_m: float
-    behind_m: float
-    nominal_length_m: float
+    ahead_m: float  # range ahead, front bumper to front bumper
+    behind_m: float  # range behind
+    nominal_length_m: float  # length assumed for a detected vehicle
 
 
 @dataclass(frozen=True)
@@ -87,59 +68,35 @@ class Behaviour:
 
 @dataclass(frozen=True)
 class Input:
-    """An entrance of the road, one decision variable of Stage 1.
+    """An entrance of the road, one decision variable of Stage 1."""
 
-    Attributes:
-        id: its name.
-        flows: ids of the flows that are scaled together, their shares kept.
-    """
-
-    id: str
-    flows: tuple[str, ...]
+    id: str  # its name
+    flows: tuple[str, ...]  # ids of the flows that are scaled together, their shares kept
 
 
 @dataclass(frozen=True)
 class Drive:
-    """One recorded drive.
+    """One recorded drive."""
 
-    Attributes:
-        id: its name.
-        depart_s: when the subject vehicle departs, on the scenario's clock.
-        subject_file: table of the subject vehicle.
-        objects_file: table of the detected vehicles.
-        role: whether the calibration may use it.
-    """
-
-    id: str
-    depart_s: float
-    subject_file: Path
-    objects_file: Path
-    role: Role
+    id: str  # its name
+    depart_s: float  # when the subject vehicle departs, on the scenario's clock
+    subject_file: Path  # table of the subject vehicle
+    objects_file: Path  # table of the detected vehicles
+    role: Role  # whether the calibration may use it
 
 
 @dataclass(frozen=True)
 class Case:
-    """Everything that case.toml says.
+    """Everything that case.toml says."""
 
-    Attributes:
-        folder: the case's folder, absolute.
-        name: name of the case.
-        perception: range of the sensors.
-        drives: recorded drives.
-        scenario: the SUMO scenario, None where the case has none yet.
-        subject: the subject vehicle in it.
-        behaviour: what Stage 2 calibrates.
-        inputs: what Stage 1 calibrates, empty where the case says nothing.
-    """
-
-    folder: Path
-    name: str
-    perception: Perception
-    drives: tuple[Drive, ...]
-    scenario: Scenario | None
-    subject: SubjectVehicle | None
-    behaviour: Behaviour | None
-    inputs: tuple[Input, ...]
+    folder: Path  # the case's folder, absolute
+    name: str  # name of the case
+    perception: Perception  # range of the sensors
+    drives: tuple[Drive, ...]  # recorded drives
+    scenario: Scenario | None  # the SUMO scenario, None where the case has none yet
+    subject: SubjectVehicle | None  # the subject vehicle in it
+    behaviour: Behaviour | None  # what Stage 2 calibrates
+    inputs: tuple[Input, ...]  # what Stage 1 calibrates, empty where the case says nothing
 
     def drives_of(self, role: Role) -> tuple[Drive, ...]:
         """Return the drives of one role."""

@@ -10,34 +10,21 @@ from sim_adapters.frame_table import ObjectTable, SubjectTable
 
 @dataclass(frozen=True)
 class EvenDrive:
-    """A drive on an even clock.
+    """A drive on an even clock."""
 
-    Attributes:
-        subject: the subject vehicle at every instant from its first to its last sample.
-        objects: the detected vehicles.
-        valid: False at instants in a gap of the subject vehicle's log; its values there are only placeholders.
-    """
-
-    subject: SubjectTable
-    objects: ObjectTable
-    valid: np.ndarray
+    subject: SubjectTable  # the subject vehicle at every instant from its first to its last sample
+    objects: ObjectTable  # the detected vehicles
+    valid: np.ndarray  # False at instants in a gap of the subject vehicle's log; its values there are only placeholders
 
 
 @dataclass(frozen=True)
 class _Between:
-    """Instants of the clock between samples.
+    """Instants of the clock between samples."""
 
-    Attributes:
-        instant: number of the instant, counted from time 0.
-        before: sample before it.
-        after: sample after it, the same if a sample lies on the instant.
-        share: share of the way from the one to the other.
-    """
-
-    instant: np.ndarray
-    before: np.ndarray
-    after: np.ndarray
-    share: np.ndarray
+    instant: np.ndarray  # number of the instant, counted from time 0
+    before: np.ndarray  # sample before it
+    after: np.ndarray  # sample after it, the same if a sample lies on the instant
+    share: np.ndarray  # share of the way from the one to the other
 
     def linear(self, values: np.ndarray) -> np.ndarray:
         """Interpolate; a sample on the instant is taken as it is, even if its neighbour is nan."""
@@ -55,17 +42,11 @@ class _Between:
 
 @dataclass(frozen=True)
 class _OnClock:
-    """Where samples lie on the clock: one decision for each, so that no instant is lost or taken twice.
+    """Where samples lie on the clock: one decision for each, so that no instant is lost or taken twice."""
 
-    Attributes:
-        is_on: whether a sample counts as on an instant.
-        first_from: number of the first instant that is not before it.
-        last_until: number of the last instant that is not after it.
-    """
-
-    is_on: np.ndarray
-    first_from: np.ndarray
-    last_until: np.ndarray
+    is_on: np.ndarray  # whether a sample counts as on an instant
+    first_from: np.ndarray  # number of the first instant that is not before it
+    last_until: np.ndarray  # number of the last instant that is not after it
 
     @classmethod
     def of(cls, time_s: np.ndarray, interval_s: float) -> "_OnClock":

@@ -20,68 +20,39 @@ from surrogate.road.perception import PerceptionFrame
 
 @dataclass(frozen=True)
 class DriveCounts:
-    """What became of the rows of a drive's tables.
+    """What became of the rows of a drive's tables."""
 
-    Attributes:
-        subject_rows: rows of the subject vehicle's table.
-        subject_rows_without_place: left out, for longitude, latitude or speed is missing.
-        object_rows: rows of the objects' table.
-        rows_without_subject: left out, for the subject vehicle's table has no such time.
-        rows_without_place: left out, for distance, speed, or both lane and place across are missing.
-        rows_off_route: left out, before the route's beginning or behind its end.
-        rows_off_road: left out, beside the carriageway.
-        rows_of_fragments: left out with episodes that were too short.
-        lanes_contradicting: rows that stay although lane and place across mean different lanes.
-        fragments: episodes that were too short.
-        splits: jumps that split a track.
-        long_gaps: gaps that were too long to bridge.
-        tracks: tracks that stay.
-    """
-
-    subject_rows: int
-    subject_rows_without_place: int
-    object_rows: int
-    rows_without_subject: int
-    rows_without_place: int
-    rows_off_route: int
-    rows_off_road: int
-    rows_of_fragments: int
-    lanes_contradicting: int
-    fragments: int
-    splits: int
-    long_gaps: int
-    tracks: int
+    subject_rows: int  # rows of the subject vehicle's table
+    subject_rows_without_place: int  # left out, for longitude, latitude or speed is missing
+    object_rows: int  # rows of the objects' table
+    rows_without_subject: int  # left out, for the subject vehicle's table has no such time
+    rows_without_place: int  # left out, for distance, speed, or both lane and place across are missing
+    rows_off_route: int  # left out, before the route's beginning or behind its end
+    rows_off_road: int  # left out, beside the carriageway
+    rows_of_fragments: int  # left out with episodes that were too short
+    lanes_contradicting: int  # rows that stay although lane and place across mean different lanes
+    fragments: int  # episodes that were too short
+    splits: int  # jumps that split a track
+    long_gaps: int  # gaps that were too long to bridge
+    tracks: int  # tracks that stay
 
 
 @dataclass(frozen=True)
 class DriveLog:
-    """A drive at the sampling that it was recorded with; SI units, rows of the road instead of lanes.
+    """A drive at the sampling that it was recorded with; SI units, rows of the road instead of lanes."""
 
-    Attributes:
-        id: name of the drive.
-        role: whether the calibration may use it.
-        subject: the subject vehicle.
-        yaw_rate_radps: its angular velocity, one value per row of `subject`; nan where unknown.
-        objects: the detected vehicles.
-        episode: for each row of `objects` the number of its episode; nothing may be interpolated between episodes.
-        ahead_m: range of the sensors ahead.
-        behind_m: range behind.
-        rules: limits of the cleaning.
-        counts: what became of the tables' rows.
-        warnings: what a user should know, one line each.
-    """
-
-    id: str
-    role: Role
-    subject: SubjectTable
-    yaw_rate_radps: np.ndarray
-    objects: ObjectTable
+    id: str  # name of the drive
+    role: Role  # whether the calibration may use it
+    subject: SubjectTable  # the subject vehicle
+    yaw_rate_radps: np.ndarray  # its angular velocity, one value per row of `subject`; nan where unknown
+    objects: ObjectTable  # the detected vehicles
+    # for each row of `objects` the number of its episode; nothing may be interpolated between episodes
     episode: np.ndarray
-    ahead_m: float
-    behind_m: float
-    rules: CleaningRules
-    counts: DriveCounts
-    warnings: tuple[str, ...]
+    ahead_m: float  # range of the sensors ahead
+    behind_m: float  # range behind
+    rules: CleaningRules  # limits of the cleaning
+    counts: DriveCounts  # what became of the tables' rows
+    warnings: tuple[str, ...]  # what a user should know, one line each
 
     def on_clock(self, interval_s: float) -> EvenDrive:
         """Return the drive at the multiples of an interval; see `jaxcalib.field.even_clock`."""
@@ -107,19 +78,12 @@ class DriveLog:
 
 @dataclass(frozen=True)
 class DriveLogs:
-    """The drives of a case that have rows.
+    """The drives of a case that have rows."""
 
-    Attributes:
-        case: the case with these drives alone.
-        drives: their logs.
-        left_out: one line for each drive without rows.
-        refusals: what is wrong with the others.
-    """
-
-    case: Case
-    drives: tuple[DriveLog, ...]
-    left_out: tuple[str, ...]
-    refusals: tuple[CaseError, ...]
+    case: Case  # the case with these drives alone
+    drives: tuple[DriveLog, ...]  # their logs
+    left_out: tuple[str, ...]  # one line for each drive without rows
+    refusals: tuple[CaseError, ...]  # what is wrong with the others
 
 
 def read_drives(case: Case, row_map: RowMap, rules: CleaningRules | None = None) -> DriveLogs:

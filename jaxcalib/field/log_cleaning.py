@@ -29,23 +29,15 @@ GAP_TOLERANCE = 0.05  # of the gap: one lost sample at 2 Hz, or one step at 1 Hz
 
 @dataclass(frozen=True)
 class CleaningRules:
-    """Limits of the rules.
+    """Limits of the rules."""
 
-    Attributes:
-        longest_gap_s: gaps up to this are bridged.
-        shortest_episode_s: shorter episodes are dropped.
-        fastest_relative_mps: a faster step along the road is a jump.
-        least_jump_time_s: shorter sampling steps count as this: errors of position do not shrink with the step.
-        hardest_acceleration_mps2: a harder change of speed is a jump if it lasts.
-        lasting_steps: number of sampling steps over which it must last.
-    """
-
-    longest_gap_s: float = 1.0
-    shortest_episode_s: float = 1.0
-    fastest_relative_mps: float = 70.0
+    longest_gap_s: float = 1.0  # gaps up to this are bridged
+    shortest_episode_s: float = 1.0  # shorter episodes are dropped
+    fastest_relative_mps: float = 70.0  # a faster step along the road is a jump
+    # shorter sampling steps count as this: errors of position do not shrink with the step
     least_jump_time_s: float = 0.1
-    hardest_acceleration_mps2: float = 15.0
-    lasting_steps: int = 3
+    hardest_acceleration_mps2: float = 15.0  # a harder change of speed is a jump if it lasts
+    lasting_steps: int = 3  # number of sampling steps over which it must last
 
 
 def rules_for(sampling_s: float) -> CleaningRules:
@@ -56,25 +48,15 @@ def rules_for(sampling_s: float) -> CleaningRules:
 
 @dataclass(frozen=True)
 class CleanTracks:
-    """What the rules make of the rows.
+    """What the rules make of the rows."""
 
-    Attributes:
-        keep: whether a row stays.
-        track: number of its track, counting from 0 by first detection; -1 where it does not stay.
-        episode: number of its episode, unique over all tracks; -1 where it does not stay.
-        num_tracks: tracks that stay.
-        num_splits: jumps.
-        num_gaps: gaps that were too long to bridge.
-        num_fragments: episodes that were dropped.
-    """
-
-    keep: np.ndarray
-    track: np.ndarray
-    episode: np.ndarray
-    num_tracks: int
-    num_splits: int
-    num_gaps: int
-    num_fragments: int
+    keep: np.ndarray  # whether a row stays
+    track: np.ndarray  # number of its track, counting from 0 by first detection; -1 where it does not stay
+    episode: np.ndarray  # number of its episode, unique over all tracks; -1 where it does not stay
+    num_tracks: int  # tracks that stay
+    num_splits: int  # jumps
+    num_gaps: int  # gaps that were too long to bridge
+    num_fragments: int  # episodes that were dropped
 
 
 def clean_tracks(

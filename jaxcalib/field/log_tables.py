@@ -50,33 +50,19 @@ class EmptyLogError(CaseError):
 
 @dataclass(frozen=True)
 class SubjectLog:
-    """The subject vehicle, one row per time stamp, in time order; nan where the log has no value.
+    """The subject vehicle, one row per time stamp, in time order; nan where the log has no value."""
 
-    Attributes:
-        file: where it was read.
-        time_s: time on the scenario's clock.
-        road: SUMO edge id or the road's name, empty where unknown.
-        speed_limit_mps: legal limit.
-        speed_mps: speed.
-        yaw_rate_radps: angular velocity around the vertical axis.
-        place: where the front bumper's middle is.
-        acceleration_mps2: longitudinal acceleration.
-        lane: 1 = rightmost, LANE_UNKNOWN where empty.
-        lane_offset_m: centre line to the nearest lane marking.
-        extra_columns: columns that nobody reads.
-    """
-
-    file: Path
-    time_s: np.ndarray
-    road: np.ndarray
-    speed_limit_mps: np.ndarray
+    file: Path  # where it was read
+    time_s: np.ndarray  # time on the scenario's clock
+    road: np.ndarray  # SUMO edge id or the road's name, empty where unknown
+    speed_limit_mps: np.ndarray  # legal limit
     speed_mps: np.ndarray
-    yaw_rate_radps: np.ndarray
-    place: LoggedPlace
-    acceleration_mps2: np.ndarray
-    lane: np.ndarray
-    lane_offset_m: np.ndarray
-    extra_columns: tuple[str, ...]
+    yaw_rate_radps: np.ndarray  # angular velocity around the vertical axis
+    place: LoggedPlace  # where the front bumper's middle is
+    acceleration_mps2: np.ndarray  # longitudinal acceleration
+    lane: np.ndarray  # 1 = rightmost, LANE_UNKNOWN where empty
+    lane_offset_m: np.ndarray  # centre line to the nearest lane marking
+    extra_columns: tuple[str, ...]  # columns that nobody reads
 
     @property
     def sampling_s(self) -> float:
@@ -86,31 +72,18 @@ class SubjectLog:
 
 @dataclass(frozen=True)
 class ObjectLog:
-    """The detected vehicles, one row per time stamp and vehicle, in the file's order; nan where the log has no value.
+    """The detected vehicles, one row per time stamp and vehicle, in the file's order; nan where the log says nothing."""
 
-    Attributes:
-        file: where it was read.
-        time_s: time on the scenario's clock.
-        vehicle: number of the vehicle, an index into `vehicle_ids`.
-        vehicle_ids: ids, sorted.
-        lane: 1 = rightmost, LANE_UNKNOWN where empty.
-        relative_x_m: along the road from the subject vehicle, + ahead.
-        relative_y_m: across the road, + left.
-        speed_mps: absolute speed.
-        heading_rad: against the road's direction.
-        extra_columns: columns that nobody reads.
-    """
-
-    file: Path
-    time_s: np.ndarray
-    vehicle: np.ndarray
-    vehicle_ids: tuple[str, ...]
-    lane: np.ndarray
-    relative_x_m: np.ndarray
-    relative_y_m: np.ndarray
-    speed_mps: np.ndarray
-    heading_rad: np.ndarray
-    extra_columns: tuple[str, ...]
+    file: Path  # where it was read
+    time_s: np.ndarray  # time on the scenario's clock
+    vehicle: np.ndarray  # number of the vehicle, an index into `vehicle_ids`
+    vehicle_ids: tuple[str, ...]  # ids, sorted
+    lane: np.ndarray  # 1 = rightmost, LANE_UNKNOWN where empty
+    relative_x_m: np.ndarray  # along the road from the subject vehicle, + ahead
+    relative_y_m: np.ndarray  # across the road, + left
+    speed_mps: np.ndarray  # absolute speed
+    heading_rad: np.ndarray  # against the road's direction
+    extra_columns: tuple[str, ...]  # columns that nobody reads
 
 
 def read_subject_log(

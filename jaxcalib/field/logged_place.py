@@ -21,17 +21,11 @@ PLACE_COLUMNS: Mapping[PlaceKind, tuple[str, str]] = {
 
 @dataclass(frozen=True)
 class LoggedPlace:
-    """Places of the front bumper's middle, one per row of the log.
+    """Places of the front bumper's middle, one per row of the log."""
 
-    Attributes:
-        kind: how they are given.
-        first: longitude, x, or the edge's id.
-        second: latitude, y, or the position on the edge; nan where the log has none.
-    """
-
-    kind: PlaceKind
-    first: np.ndarray
-    second: np.ndarray
+    kind: PlaceKind  # how they are given
+    first: np.ndarray  # longitude, x, or the edge's id
+    second: np.ndarray  # latitude, y, or the position on the edge; nan where the log has none
 
     @property
     def columns(self) -> str:

@@ -16,44 +16,27 @@ MAP_REACH_M = 100.0  # a map that lies wrong, or a place that drifts, carries ev
 
 @dataclass(frozen=True)
 class MatchedPoints:
-    """Places on the route.
+    """Places on the route."""
 
-    Attributes:
-        position_m: along the route's axis.
-        lateral_m: offset from the centre of the lane, + left.
-        row: row of the lane.
-        distance_m: from the lane's centre line, also beyond the route's ends.
-    """
-
-    position_m: np.ndarray
-    lateral_m: np.ndarray
-    row: np.ndarray
-    distance_m: np.ndarray
+    position_m: np.ndarray  # along the route's axis
+    lateral_m: np.ndarray  # offset from the centre of the lane, + left
+    row: np.ndarray  # row of the lane
+    distance_m: np.ndarray  # from the lane's centre line, also beyond the route's ends
 
 
 @dataclass(frozen=True)
 class LaneMatch:
-    """The lanes that numbers of lanes mean.
+    """The lanes that numbers of lanes mean."""
 
-    Attributes:
-        edge: index of the edge on the route.
-        row: row of the lane, -1 where there is none.
-        lateral_m: offset from its centre, + left; nan where unknown or where the number contradicts the place across.
-        contradicts: the number and the place across the road mean different lanes; `row` follows the number.
-        no_such_lane: the road has no lane of that number there.
-        misplaced: of these, the road has one a little before or farther on.
-        off_road: without a number, and farther off than the outermost lanes.
-        unknown: neither a number nor a place across.
-    """
-
-    edge: np.ndarray
-    row: np.ndarray
+    edge: np.ndarray  # index of the edge on the route
+    row: np.ndarray  # row of the lane, -1 where there is none
+    # offset from its centre, + left; nan where unknown or where the number contradicts the place across
     lateral_m: np.ndarray
-    contradicts: np.ndarray
-    no_such_lane: np.ndarray
-    misplaced: np.ndarray
-    off_road: np.ndarray
-    unknown: np.ndarray
+    contradicts: np.ndarray  # the number and the place across the road mean different lanes; `row` follows the number
+    no_such_lane: np.ndarray  # the road has no lane of that number there
+    misplaced: np.ndarray  # of these, the road has one a little before or farther on
+    off_road: np.ndarray  # without a number, and farther off than the outermost lanes
+    unknown: np.ndarray  # neither a number nor a place across
 
 
 def match_points(geometry: RouteGeometry, xy: np.ndarray) -> MatchedPoints:

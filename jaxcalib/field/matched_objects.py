@@ -18,27 +18,16 @@ MOST_CONTRADICTING = 0.25  # share of rows; late reports reach 0.01, an exchange
 
 @dataclass(frozen=True)
 class MatchedObjects:
-    """The detected vehicles on the route.
+    """The detected vehicles on the route."""
 
-    Attributes:
-        table: the rows on the carriageway; `track` is still the vehicle's number in the log.
-        vehicle: that number.
-        rows_without_subject: rows left out, for the subject vehicle's table has no such time or no place then.
-        rows_without_place: rows left out, for something is missing.
-        rows_off_route: rows left out, before or behind the route.
-        rows_off_road: rows left out, beside the carriageway, or in a lane that is there a little farther on.
-        lanes_contradicting: rows that stay although lane and place across mean different lanes.
-        warnings: what a user should know.
-    """
-
-    table: ObjectTable
-    vehicle: np.ndarray
-    rows_without_subject: int
-    rows_without_place: int
-    rows_off_route: int
-    rows_off_road: int
-    lanes_contradicting: int
-    warnings: tuple[str, ...]
+    table: ObjectTable  # the rows on the carriageway; `track` is still the vehicle's number in the log
+    vehicle: np.ndarray  # that number
+    rows_without_subject: int  # rows left out, for the subject vehicle's table has no such time or no place then
+    rows_without_place: int  # rows left out, for something is missing
+    rows_off_route: int  # rows left out, before or behind the route
+    rows_off_road: int  # rows left out, beside the carriageway, or in a lane that is there a little farther on
+    lanes_contradicting: int  # rows that stay although lane and place across mean different lanes
+    warnings: tuple[str, ...]  # what a user should know
 
 
 def match_objects(

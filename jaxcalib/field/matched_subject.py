@@ -25,21 +25,13 @@ BACKWARDS_M = 5.0  # errors of position at standstill are smaller
 
 @dataclass(frozen=True)
 class MatchedSubject:
-    """The subject vehicle on the route.
+    """The subject vehicle on the route."""
 
-    Attributes:
-        table: the rows that have a place and a speed.
-        yaw_rate_radps: angular velocity in those rows.
-        log_row: their numbers in the log, counted from 0.
-        edge: index of the edge in those rows.
-        warnings: what a user should know.
-    """
-
-    table: SubjectTable
-    yaw_rate_radps: np.ndarray
-    log_row: np.ndarray
-    edge: np.ndarray
-    warnings: tuple[str, ...]
+    table: SubjectTable  # the rows that have a place and a speed
+    yaw_rate_radps: np.ndarray  # angular velocity in those rows
+    log_row: np.ndarray  # their numbers in the log, counted from 0
+    edge: np.ndarray  # index of the edge in those rows
+    warnings: tuple[str, ...]  # what a user should know
 
 
 def match_subject(geometry: RouteGeometry, log: SubjectLog) -> MatchedSubject:

@@ -18,46 +18,28 @@ class RouteGeometry:
 
     Where an edge's shape is shorter or longer than its length in the network, positions are scaled, as SUMO does.
     The stretch between two edges belongs to the edge before it, as in `sim_adapters.scenario.road_builder`.
-
-    Attributes:
-        begin_xy: where each segment begins, in the network's plane.
-        step_xy: from there to its end.
-        begin_m: where it begins on the route's axis.
-        length_m: its length on the axis.
-        row: its row.
-        by_row: for each row its segments in the order of the axis.
-        tree: points along all segments, for looking up the nearest.
-        segment_of_point: segment of each point.
-        edges: the route's edges.
-        edge_start_m: where each edge begins on the axis.
-        edge_end_m: where it ends.
-        num_lanes: its number of lanes.
-        row_of_lane: row of each (edge, lane), -1 where there is no such lane.
-        lane_centre_m: centre of each (edge, lane) across the road, + left, in one coordinate for the whole route.
-        lane_width_m: its width.
-        projection: of the network, from longitude and latitude in degrees; None where it has none.
-        net_offset_m: added to the projected coordinates.
-        is_mirrored: whether the plane, across the road too, is mirrored, for traffic drives on the left: to whoever
-            looks things up here the network's lane 0 is the rightmost in any case.
     """
 
-    begin_xy: np.ndarray
-    step_xy: np.ndarray
-    begin_m: np.ndarray
-    length_m: np.ndarray
+    begin_xy: np.ndarray  # where each segment begins, in the network's plane
+    step_xy: np.ndarray  # from there to its end
+    begin_m: np.ndarray  # where it begins on the route's axis
+    length_m: np.ndarray  # its length on the axis
     row: np.ndarray
-    by_row: tuple[np.ndarray, ...]
-    tree: KDTree
-    segment_of_point: np.ndarray
-    edges: tuple[str, ...]
-    edge_start_m: np.ndarray
-    edge_end_m: np.ndarray
-    num_lanes: np.ndarray
-    row_of_lane: np.ndarray
+    by_row: tuple[np.ndarray, ...]  # for each row its segments in the order of the axis
+    tree: KDTree  # points along all segments, for looking up the nearest
+    segment_of_point: np.ndarray  # segment of each point
+    edges: tuple[str, ...]  # the route's edges
+    edge_start_m: np.ndarray  # where each edge begins on the axis
+    edge_end_m: np.ndarray  # where it ends
+    num_lanes: np.ndarray  # its number of lanes
+    row_of_lane: np.ndarray  # row of each (edge, lane), -1 where there is no such lane
+    # centre of each (edge, lane) across the road, + left, in one coordinate for the whole route
     lane_centre_m: np.ndarray
     lane_width_m: np.ndarray
-    projection: Any
-    net_offset_m: tuple[float, float]
+    projection: Any  # of the network, from longitude and latitude in degrees; None where it has none
+    net_offset_m: tuple[float, float]  # added to the projected coordinates
+    # whether the plane, across the road too, is mirrored, for traffic drives on the left: to whoever looks things
+    # up here the network's lane 0 is the rightmost in any case
     is_mirrored: bool = False
 
     @property

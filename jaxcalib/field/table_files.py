@@ -29,36 +29,24 @@ Kind = Literal["number", "text"]
 
 @dataclass(frozen=True)
 class SizeLimit:
-    """What a file may grow to in memory, so that a small compressed file cannot take all of it.
+    """What a file may grow to in memory, so that a small compressed file cannot take all of it."""
 
-    Attributes:
-        unpacked_bytes: most bytes after unpacking.
-        ratio: most bytes after unpacking per byte in the file.
-        ratio_from_bytes: the ratio counts from this size on: short tables with constant columns pack very well.
-    """
-
-    unpacked_bytes: int = 2 * 1024**3
-    ratio: int = 200
+    unpacked_bytes: int = 2 * 1024**3  # most bytes after unpacking
+    ratio: int = 200  # most bytes after unpacking per byte in the file
+    # the ratio counts from this size on: short tables with constant columns pack very well
     ratio_from_bytes: int = 32 * 1024**2
 
 
 @dataclass(frozen=True)
 class ColumnTable:
-    """The wanted columns of a file.
-
-    Attributes:
-        file: the file.
-        numbers: number columns, nan where empty.
-        texts: text columns, dictionary-encoded: (index into the words, words); an empty text is a word like others.
-        num_rows: number of data rows.
-        extra_columns: columns that the file has beside the wanted ones.
-    """
+    """The wanted columns of a file."""
 
     file: Path
-    numbers: dict[str, np.ndarray]
+    numbers: dict[str, np.ndarray]  # number columns, nan where empty
+    # text columns, dictionary-encoded: (index into the words, words); an empty text is a word like others
     texts: dict[str, tuple[np.ndarray, list[str]]]
-    num_rows: int
-    extra_columns: tuple[str, ...]
+    num_rows: int  # number of data rows
+    extra_columns: tuple[str, ...]  # columns that the file has beside the wanted ones
 
 
 def row_place(index: int, column: str = "") -> str:

@@ -24,15 +24,10 @@ LOWEST_STRAY = -1.0
 
 @dataclass(frozen=True)
 class AcceptanceEdge:
-    """Where accepted gaps begin.
+    """Where accepted gaps begin."""
 
-    Attributes:
-        share: of the secure gap.
-        logarithmic_error: standard deviation of its logarithm.
-    """
-
-    share: float
-    logarithmic_error: float
+    share: float  # of the secure gap
+    logarithmic_error: float  # standard deviation of its logarithm
 
 
 def acceptance_edge(share: np.ndarray, error: np.ndarray) -> AcceptanceEdge:

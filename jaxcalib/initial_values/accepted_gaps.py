@@ -24,21 +24,14 @@ LARGEST_ERROR = 0.3  # of a share, beyond which a gap is too small for what is k
 
 @dataclass(frozen=True)
 class AcceptedGaps:
-    """Lane changes of background vehicles, at the moment before; gaps are bumper to bumper, inf where nobody is.
+    """Lane changes of background vehicles, at the moment before; gaps are bumper to bumper, inf where nobody is."""
 
-    Attributes:
-        speed_mps: speed of the vehicle that changes.
-        leader_gap_m: gap to the new leader.
-        leader_speed_mps: his speed.
-        follower_gap_m: gap to the new follower; inf if that is the subject vehicle, whose model is another one.
-        follower_speed_mps: his speed.
-    """
-
-    speed_mps: np.ndarray
-    leader_gap_m: np.ndarray
-    leader_speed_mps: np.ndarray
+    speed_mps: np.ndarray  # speed of the vehicle that changes
+    leader_gap_m: np.ndarray  # gap to the new leader
+    leader_speed_mps: np.ndarray  # his speed
+    # gap to the new follower; inf if that is the subject vehicle, whose model is another one
     follower_gap_m: np.ndarray
-    follower_speed_mps: np.ndarray
+    follower_speed_mps: np.ndarray  # his speed
 
 
 def accepted_gaps(drives: Sequence[DriveLog], nominal_length_m: float, step_s: float) -> AcceptedGaps:
@@ -49,15 +42,10 @@ def accepted_gaps(drives: Sequence[DriveLog], nominal_length_m: float, step_s: f
 
 @dataclass(frozen=True)
 class Assertiveness:
-    """What accepted gaps say of lcAssertive.
+    """What accepted gaps say of lcAssertive."""
 
-    Attributes:
-        value: of lcAssertive; nan where there are too few gaps.
-        logarithmic_error: standard error of its logarithm; inf where there are too few gaps.
-    """
-
-    value: float
-    logarithmic_error: float
+    value: float  # of lcAssertive; nan where there are too few gaps
+    logarithmic_error: float  # standard error of its logarithm; inf where there are too few gaps
 
 
 def assertiveness(gaps: AcceptedGaps, model: CarFollowingModel, step_s: float) -> Assertiveness:

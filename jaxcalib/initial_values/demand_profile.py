@@ -24,30 +24,19 @@ LEAST_VEHPH = 1e-9
 
 @dataclass(frozen=True)
 class DemandEstimate:
-    """Inflows that the logs show.
+    """Inflows that the logs show."""
 
-    Attributes:
-        values_vehph: estimate of each input.
-        error_vehph: standard error of each.
-        scenario_vehph: the scenario's own inflows.
-    """
-
-    values_vehph: np.ndarray
-    error_vehph: np.ndarray
-    scenario_vehph: np.ndarray
+    values_vehph: np.ndarray  # estimate of each input
+    error_vehph: np.ndarray  # standard error of each
+    scenario_vehph: np.ndarray  # the scenario's own inflows
 
 
 @dataclass(frozen=True)
 class SectionVolumes:
-    """Volume that drives show along the route.
+    """Volume that drives show along the route."""
 
-    Attributes:
-        vehph: on all lanes of each section; nan where nothing was observed.
-        error_vehph: its standard error.
-    """
-
-    vehph: Float[np.ndarray, " section"]
-    error_vehph: Float[np.ndarray, " section"]
+    vehph: Float[np.ndarray, " section"]  # on all lanes of each section; nan where nothing was observed
+    error_vehph: Float[np.ndarray, " section"]  # its standard error
 
 
 def estimate_demand(

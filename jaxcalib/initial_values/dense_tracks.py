@@ -11,19 +11,12 @@ NOBODY = -1
 
 @dataclass(frozen=True)
 class DenseTracks:
-    """Everything seen in a drive, [time, track]. The subject vehicle is the last track.
+    """Everything seen in a drive, [time, track]. The subject vehicle is the last track."""
 
-    Attributes:
-        position_m: front bumper along the route; nan where a vehicle was not seen.
-        speed_mps: speed; nan where it was not seen.
-        row: row of the road; -1 where it was not seen.
-        leader: track of the leader in the own row; -1 where none was seen.
-    """
-
-    position_m: np.ndarray
-    speed_mps: np.ndarray
-    row: np.ndarray
-    leader: np.ndarray
+    position_m: np.ndarray  # front bumper along the route; nan where a vehicle was not seen
+    speed_mps: np.ndarray  # speed; nan where it was not seen
+    row: np.ndarray  # row of the road; -1 where it was not seen
+    leader: np.ndarray  # track of the leader in the own row; -1 where none was seen
 
 
 def dense_tracks(drive: DriveLog, step_s: float) -> DenseTracks:

@@ -31,25 +31,17 @@ CLEAR_SPEED_FACTOR_ERROR = 0.03
 
 @dataclass(frozen=True)
 class DriverEstimate:
-    """What the logs say of each driver parameter.
+    """What the logs say of each driver parameter."""
 
-    Attributes:
-        values: estimates, in the order of the layout's attributes; the scenario's values where the logs are silent.
-        unit_error: standard errors in the unit cube; inf where the logs are silent.
-        source: where each comes from, for the report.
-        following: the fit of car-following; None where there was too little to fit.
-        num_samples: moments of car-following found.
-        fitted: attributes that the pairs were fitted with.
-        replay_loss: mean loss of the pairs for values of these attributes, drivers' desired speeds held;
-            differentiable; None where there was too little to fit, or where the model does not describe the pairs.
-    """
-
+    # estimates, in the order of the layout's attributes; the scenario's values where the logs are silent
     values: np.ndarray
-    unit_error: np.ndarray
-    source: tuple[str, ...]
-    following: FollowingFit | None
-    num_samples: int
-    fitted: tuple[str, ...] = ()
+    unit_error: np.ndarray  # standard errors in the unit cube; inf where the logs are silent
+    source: tuple[str, ...]  # where each comes from, for the report
+    following: FollowingFit | None  # the fit of car-following; None where there was too little to fit
+    num_samples: int  # moments of car-following found
+    fitted: tuple[str, ...] = ()  # attributes that the pairs were fitted with
+    # mean loss of the pairs for values of these attributes, drivers' desired speeds held; differentiable; None
+    # where there was too little to fit, or where the model does not describe the pairs
     replay_loss: Callable[[Array], Array] | None = None
 
 

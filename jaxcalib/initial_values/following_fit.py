@@ -44,23 +44,14 @@ FLAT_LOSS = 1e-4  # a parameter whose whole range changes the loss by less is no
 
 @dataclass(frozen=True)
 class FollowingFit:
-    """What the pairs say of the drivers.
+    """What the pairs say of the drivers."""
 
-    Attributes:
-        values: estimate of each parameter.
-        error: standard error of each, from the scatter between drives; inf where the pairs show nothing.
-        speed_factor: desired speed over limit of each vehicle.
-        speed_factor_error: its standard error.
-        explained_share: share of moments that the model explains to within two of the last scales.
-        loss: mean loss at the last scale, between 0 and 1.
-    """
-
-    values: np.ndarray
-    error: np.ndarray
-    speed_factor: np.ndarray
-    speed_factor_error: np.ndarray
-    explained_share: float
-    loss: float
+    values: np.ndarray  # estimate of each parameter
+    error: np.ndarray  # standard error of each, from the scatter between drives; inf where the pairs show nothing
+    speed_factor: np.ndarray  # desired speed over limit of each vehicle
+    speed_factor_error: np.ndarray  # its standard error
+    explained_share: float  # share of moments that the model explains to within two of the last scales
+    loss: float  # mean loss at the last scale, between 0 and 1
 
 
 def fit_following(

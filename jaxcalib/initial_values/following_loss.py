@@ -20,29 +20,17 @@ ModelOf = Callable[[Theta], CarFollowingModel]
 
 
 class FollowingData(eqx.Module):
-    """Samples as the loss needs them.
+    """Samples as the loss needs them."""
 
-    Attributes:
-        start: the followers.
-        leader_speed_mps: speeds of their leaders.
-        later_speed_mps: speed of each follower at the end.
-        limit_mps: speed limit.
-        vehicle: number of the follower, from 0.
-        drive: index of the drive.
-        weight: weight of each sample.
-        step_s: length of a step.
-        num_vehicles: number of followers.
-    """
-
-    start: ReplayStart
-    leader_speed_mps: Float[Array, "step sample"]
-    later_speed_mps: Float[Array, " sample"]
-    limit_mps: Float[Array, " sample"]
-    vehicle: Int[Array, " sample"]
-    drive: Int[Array, " sample"]
-    weight: Float[Array, " sample"]
-    step_s: float = eqx.field(static=True)
-    num_vehicles: int = eqx.field(static=True)
+    start: ReplayStart  # the followers
+    leader_speed_mps: Float[Array, "step sample"]  # speeds of their leaders
+    later_speed_mps: Float[Array, " sample"]  # speed of each follower at the end
+    limit_mps: Float[Array, " sample"]  # speed limit
+    vehicle: Int[Array, " sample"]  # number of the follower, from 0
+    drive: Int[Array, " sample"]  # index of the drive
+    weight: Float[Array, " sample"]  # weight of each sample
+    step_s: float = eqx.field(static=True)  # length of a step
+    num_vehicles: int = eqx.field(static=True)  # number of followers
 
     @property
     def span_s(self) -> float:

@@ -19,21 +19,13 @@ LONGEST_STEP = 0.3  # of the bounds
 
 
 class NewtonStep(eqx.Module):
-    """Where a step leads, and what was known before it.
+    """Where a step leads, and what was known before it."""
 
-    Attributes:
-        theta: parameters.
-        factor: desired speed over limit of each vehicle.
-        loss: loss before the step.
-        explained_share: share of samples whose error was below two scales.
-        factor_information: 1 / variance of each vehicle's factor.
-    """
-
-    theta: Theta
-    factor: Float[Array, " vehicle"]
-    loss: Float[Array, ""]
-    explained_share: Float[Array, ""]
-    factor_information: Float[Array, " vehicle"]
+    theta: Theta  # parameters
+    factor: Float[Array, " vehicle"]  # desired speed over limit of each vehicle
+    loss: Float[Array, ""]  # loss before the step
+    explained_share: Float[Array, ""]  # share of samples whose error was below two scales
+    factor_information: Float[Array, " vehicle"]  # 1 / variance of each vehicle's factor
 
 
 def newton_step(

@@ -13,33 +13,19 @@ QUIET_AFTER_CHANGE_S = 1.0  # neither follower nor leader changed lane for so lo
 
 @dataclass(frozen=True)
 class FollowingSamples:
-    """Moments of car-following; one entry each, in SI units.
+    """Moments of car-following; one entry each, in SI units."""
 
-    Attributes:
-        vehicle: number of the follower, counted through all drives.
-        drive: index of the drive.
-        row: row of the road.
-        position_m: the follower's place on the route.
-        speed_mps: its speed.
-        acceleration_mps2: its acceleration in the step before.
-        gap_m: gap to the leader, bumper to bumper.
-        leader_speed_mps: the leader's speed at the beginning of each step, [sample, step].
-        leader_acceleration_mps2: its acceleration in the step before the first.
-        later_speed_mps: the follower's speed at the end.
-        step_s: length of a step.
-    """
-
-    vehicle: np.ndarray
-    drive: np.ndarray
-    row: np.ndarray
-    position_m: np.ndarray
+    vehicle: np.ndarray  # number of the follower, counted through all drives
+    drive: np.ndarray  # index of the drive
+    row: np.ndarray  # row of the road
+    position_m: np.ndarray  # the follower's place on the route
     speed_mps: np.ndarray
-    acceleration_mps2: np.ndarray
-    gap_m: np.ndarray
-    leader_speed_mps: np.ndarray
-    leader_acceleration_mps2: np.ndarray
-    later_speed_mps: np.ndarray
-    step_s: float
+    acceleration_mps2: np.ndarray  # its acceleration in the step before
+    gap_m: np.ndarray  # gap to the leader, bumper to bumper
+    leader_speed_mps: np.ndarray  # the leader's speed at the beginning of each step, [sample, step]
+    leader_acceleration_mps2: np.ndarray  # its acceleration in the step before the first
+    later_speed_mps: np.ndarray  # the follower's speed at the end
+    step_s: float  # length of a step
 
     def __len__(self) -> int:
         """Return the number of samples."""

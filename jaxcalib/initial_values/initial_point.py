@@ -20,25 +20,15 @@ LEAST_INFLOW_ERROR = 0.05  # relative: what all sections share, such as a bottle
 
 @dataclass(frozen=True)
 class InitialPoint:
-    """Where the search begins.
+    """Where the search begins."""
 
-    Attributes:
-        space: bounds of all parameters, inputs around their initial values (Eqs. 5-6).
-        scenario_values: what the scenario says: no calibration.
-        values: initial values.
-        unit_error: standard error of each in the unit cube; inf where the logs are silent.
-        source: where each comes from.
-        drivers: estimates behind the driver parameters.
-        demand: estimates behind the inputs.
-    """
-
-    space: ParameterSpace
-    scenario_values: np.ndarray
-    values: np.ndarray
-    unit_error: np.ndarray
-    source: tuple[str, ...]
-    drivers: DriverEstimate
-    demand: DemandEstimate
+    space: ParameterSpace  # bounds of all parameters, inputs around their initial values (Eqs. 5-6).
+    scenario_values: np.ndarray  # what the scenario says: no calibration
+    values: np.ndarray  # initial values
+    unit_error: np.ndarray  # standard error of each in the unit cube; inf where the logs are silent
+    source: tuple[str, ...]  # where each comes from
+    drivers: DriverEstimate  # estimates behind the driver parameters
+    demand: DemandEstimate  # estimates behind the inputs
 
 
 def find_initial_point(

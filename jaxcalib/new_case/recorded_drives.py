@@ -19,23 +19,14 @@ HELD_OUT_SHARE = 1 / 3
 
 @dataclass(frozen=True)
 class RecordedDrive:
-    """A drive's tables.
+    """A drive's tables."""
 
-    Attributes:
-        id: its name.
-        subject_file: table of the subject vehicle.
-        objects_file: table of the detected vehicles.
-        log: the subject vehicle's table.
-        ahead_m: farthest object ahead; 0 where there is none.
-        behind_m: farthest object behind.
-    """
-
-    id: str
-    subject_file: Path
-    objects_file: Path
-    log: SubjectLog
-    ahead_m: float
-    behind_m: float
+    id: str  # its name
+    subject_file: Path  # table of the subject vehicle
+    objects_file: Path  # table of the detected vehicles
+    log: SubjectLog  # the subject vehicle's table
+    ahead_m: float  # farthest object ahead; 0 where there is none
+    behind_m: float  # farthest object behind
 
     @property
     def begin_s(self) -> float:

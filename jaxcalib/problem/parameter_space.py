@@ -19,19 +19,12 @@ SIGNIFICANT_DIGITS = 6  # values are rounded to them before any run, so that fil
 
 @dataclass(frozen=True)
 class Range:
-    """Bounds of one parameter.
+    """Bounds of one parameter."""
 
-    Attributes:
-        lower: least value.
-        upper: greatest value.
-        is_logarithmic: whether factors rather than differences matter.
-        unit: SI unit, empty for pure numbers.
-    """
-
-    lower: float
-    upper: float
-    is_logarithmic: bool = False
-    unit: str = ""
+    lower: float  # least value
+    upper: float  # greatest value
+    is_logarithmic: bool = False  # whether factors rather than differences matter
+    unit: str = ""  # SI unit, empty for pure numbers
 
 
 _ALL_MODELS = ("speedFactor", "speedDev", "lcStrategic", "lcSpeedGain", "lcAssertive", "lcCooperative",
@@ -74,15 +67,10 @@ def slope_share(attribute: str) -> float:
 
 @dataclass(frozen=True)
 class ParameterSpace:
-    """All parameters: inputs first, then driver parameters, as in the layout.
+    """All parameters: inputs first, then driver parameters, as in the layout."""
 
-    Attributes:
-        layout: meaning of the numbers.
-        ranges: bounds of each.
-    """
-
-    layout: ParameterLayout
-    ranges: tuple[Range, ...]
+    layout: ParameterLayout  # meaning of the numbers
+    ranges: tuple[Range, ...]  # bounds of each
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -49,30 +49,18 @@ SPARE_TRACKS = 2.5  # simulated drives may meet more vehicles than the field's
 
 @dataclass(frozen=True)
 class CalibrationProblem:
-    """What a calibration starts from.
-
-    Attributes:
-        case: the case.
-        parts: the parts of it that simulations need.
-        scenario: the SUMO scenario.
-        template: what all surrogate worlds of it share.
-        tally: what is counted in a drive.
-        fold: the same for drives that are there already.
-        measures: what is made of tallies, by name.
-        drives: logs of the drives.
-        field_tally: tallies of each drive, [drive, tally].
-        log_warnings: drives without rows, and where less was seen than the case states, one line each.
-    """
+    """What a calibration starts from."""
 
     case: Case
-    parts: ScenarioParts
-    scenario: Scenario
-    template: WorldTemplate
-    tally: DriveTally
-    fold: WholeDriveFold
-    measures: Mapping[str, Measure]
-    drives: tuple[DriveLog, ...]
-    field_tally: np.ndarray
+    parts: ScenarioParts  # the parts of it that simulations need
+    scenario: Scenario  # the SUMO scenario
+    template: WorldTemplate  # what all surrogate worlds of it share
+    tally: DriveTally  # what is counted in a drive
+    fold: WholeDriveFold  # the same for drives that are there already
+    measures: Mapping[str, Measure]  # what is made of tallies, by name
+    drives: tuple[DriveLog, ...]  # logs of the drives
+    field_tally: np.ndarray  # tallies of each drive, [drive, tally]
+    # drives without rows, and where less was seen than the case states, one line each
     log_warnings: tuple[str, ...] = ()
 
     @property

@@ -31,23 +31,15 @@ FEW_WAIT = 5  # vehicles wait for a gap where nothing is too much
 
 @dataclass(frozen=True)
 class CaseCheck:
-    """What can be said of a case in seconds.
+    """What can be said of a case in seconds."""
 
-    Attributes:
-        name: the case's name.
-        inputs: ids of its inputs, with the flows of each; found in the scenario where the case names none.
-        findings: parts of the scenario, those that the surrogate cannot follow first.
-        warnings: what a user should know of scenario and logs, one line each.
-        refusals: what is wrong, one line each; with any, nothing else can be done with the case.
-        first_run: what a run of SUMO showed; None where there could be none.
-    """
-
-    name: str
+    name: str  # the case's name
+    # ids of its inputs, with the flows of each; found in the scenario where the case names none
     inputs: dict[str, tuple[str, ...]]
-    findings: tuple[Finding, ...]
-    warnings: tuple[str, ...]
-    refusals: tuple[str, ...] = ()
-    first_run: FirstRun | None = None
+    findings: tuple[Finding, ...]  # parts of the scenario, those that the surrogate cannot follow first
+    warnings: tuple[str, ...]  # what a user should know of scenario and logs, one line each
+    refusals: tuple[str, ...] = ()  # what is wrong, one line each; with any, nothing else can be done with the case
+    first_run: FirstRun | None = None  # what a run of SUMO showed; None where there could be none
 
     @property
     def is_left_to_sumo(self) -> bool:

@@ -23,19 +23,12 @@ from surrogate.xla.materialise import compiler_options
 
 
 class BatchInputs(eqx.Module):
-    """What the runs of a batch are made from.
+    """What the runs of a batch are made from."""
 
-    Attributes:
-        values: parameter vectors; all are arrays with a leading axis for runs, or the shapes of such.
-        seeds: seeds.
-        departs_s: when the subject vehicle of each run departs; with a second axis where runs have several.
-        settings: unmodelled effects, see `surrogate.effects.settings`; None for a simulator without any.
-    """
-
-    values: Any
+    values: Any  # parameter vectors; all are arrays with a leading axis for runs, or the shapes of such
     seeds: Any
-    departs_s: Any
-    settings: Any
+    departs_s: Any  # when the subject vehicle of each run departs; with a second axis where runs have several
+    settings: Any  # unmodelled effects, see `surrogate.effects.settings`; None for a simulator without any
 
 
 @dataclass(frozen=True)
@@ -63,29 +56,17 @@ class CompiledBatch:
 
 @dataclass(frozen=True)
 class BatchProgram:
-    """All that a program is made from but its room.
+    """All that a program is made from but its room."""
 
-    Attributes:
-        template: what all worlds of the scenario share.
-        observer: fold over the frames of each run.
-        sensor: the subject vehicle's sensors.
-        clock: lengths of steps.
-        end_s: when runs end at the latest.
-        steps_per_frame: steps between two frames.
-        has_effects: whether runs may have unmodelled effects.
-        batch: runs on all devices together.
-        mesh: the devices.
-    """
-
-    template: WorldTemplate
-    observer: Observer
-    sensor: Sensor
-    clock: Clock
-    end_s: float
-    steps_per_frame: int
-    has_effects: bool
-    batch: int
-    mesh: Mesh
+    template: WorldTemplate  # what all worlds of the scenario share
+    observer: Observer  # fold over the frames of each run
+    sensor: Sensor  # the subject vehicle's sensors
+    clock: Clock  # lengths of steps
+    end_s: float  # when runs end at the latest
+    steps_per_frame: int  # steps between two frames
+    has_effects: bool  # whether runs may have unmodelled effects
+    batch: int  # runs on all devices together
+    mesh: Mesh  # the devices
 
     def compiled(self, capacity: int, num_subjects: int, store: ProgramStore | None) -> CompiledBatch:
         """Return the program: from the store if it is there.

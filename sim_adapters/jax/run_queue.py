@@ -14,17 +14,11 @@ SHARE_LEFT = 0.5  # of the runs of a batch may be left when it is interrupted
 
 @dataclass
 class Going:
-    """A run that is not over.
+    """A run that is not over."""
 
-    Attributes:
-        number: its place in the caller's list.
-        state: where it is; None at its start.
-        wall_s: computing time spent on it so far.
-    """
-
-    number: int
-    state: Any = None
-    wall_s: float = 0.0
+    number: int  # its place in the caller's list
+    state: Any = None  # where it is; None at its start
+    wall_s: float = 0.0  # computing time spent on it so far
 
 
 class RunQueue:

@@ -13,17 +13,11 @@ NEAR_OFFSET = 2  # a lane one change away from the best continuation counts as i
 
 @dataclass
 class LaneOutlook:
-    """How one lane serves a route.
+    """How one lane serves a route."""
 
-    Attributes:
-        offset: lane changes to the best lane, left positive.
-        length_m: how far the route can be followed from the beginning of the lane without a lane change.
-        continues: whether the lane leads to the route's next edge.
-    """
-
-    offset: int
-    length_m: float
-    continues: bool
+    offset: int  # lane changes to the best lane, left positive
+    length_m: float  # how far the route can be followed from the beginning of the lane without a lane change
+    continues: bool  # whether the lane leads to the route's next edge
 
 
 def best_lanes(network: RouteNetwork, edges: Sequence[str]) -> list[LaneOutlook]:

@@ -21,38 +21,23 @@ LEFT, RIGHT = 1, -1
 
 @dataclass(frozen=True)
 class ChangeZone:
-    """A stretch on which vehicles may change between lanes of different edges.
+    """A stretch on which vehicles may change between lanes of different edges."""
 
-    Attributes:
-        lane: lane that they leave.
-        beside: lane that they change into.
-        side: where that lies, left 1, right -1.
-        begin_m: where the stretch begins on the route's axis.
-        end_m: where it ends; whoever has to change and has not stands there.
-        is_merge: whether the lane ends there for everybody; otherwise only those leave it whose route does.
-    """
-
-    lane: LaneKey
-    beside: LaneKey
-    side: int
-    begin_m: float
-    end_m: float
-    is_merge: bool
+    lane: LaneKey  # lane that they leave
+    beside: LaneKey  # lane that they change into
+    side: int  # where that lies, left 1, right -1
+    begin_m: float  # where the stretch begins on the route's axis
+    end_m: float  # where it ends; whoever has to change and has not stands there
+    is_merge: bool  # whether the lane ends there for everybody; otherwise only those leave it whose route does
 
 
 @dataclass(frozen=True)
 class Joints:
-    """Lanes as the surrogate drives on them.
+    """Lanes as the surrogate drives on them."""
 
-    Attributes:
-        lanes: all lanes; those that end in a merge have no successor.
-        zones: stretches on which vehicles change between lanes of different edges.
-        findings: what is said of them.
-    """
-
-    lanes: dict[LaneKey, RouteLane]
-    zones: tuple[ChangeZone, ...]
-    findings: tuple[Finding, ...]
+    lanes: dict[LaneKey, RouteLane]  # all lanes; those that end in a merge have no successor
+    zones: tuple[ChangeZone, ...]  # stretches on which vehicles change between lanes of different edges
+    findings: tuple[Finding, ...]  # what is said of them
 
 
 def join_lanes(

@@ -35,33 +35,19 @@ HARMLESS = re.compile(
 
 @dataclass(frozen=True)
 class SumoConfiguration:
-    """What a .sumocfg says about the traffic.
+    """What a .sumocfg says about the traffic."""
 
-    Attributes:
-        file: the configuration.
-        net_file: the network.
-        route_files: vTypes, routes, vehicles and flows.
-        additional_files: further files with such, and with all that may stand beside the road.
-        begin_s: begin of the simulation.
-        end_s: end of the simulation, or None.
-        step_s: step length.
-        lane_change_duration_s: time that a lane change takes; 0 for none.
-        scale: factor on all demand.
-        processing: all further options that are handed to SUMO.
-        ignored: one line for each thing that was left out.
-    """
-
-    file: Path
-    net_file: Path
-    route_files: tuple[Path, ...]
-    additional_files: tuple[Path, ...]
-    begin_s: float
-    end_s: float | None
-    step_s: float
-    lane_change_duration_s: float
-    scale: float
-    processing: Mapping[str, str]
-    ignored: tuple[str, ...]
+    file: Path  # the configuration
+    net_file: Path  # the network
+    route_files: tuple[Path, ...]  # vTypes, routes, vehicles and flows
+    additional_files: tuple[Path, ...]  # further files with such, and with all that may stand beside the road
+    begin_s: float  # begin of the simulation
+    end_s: float | None  # end of the simulation, or None
+    step_s: float  # step length
+    lane_change_duration_s: float  # time that a lane change takes; 0 for none
+    scale: float  # factor on all demand
+    processing: Mapping[str, str]  # all further options that are handed to SUMO
+    ignored: tuple[str, ...]  # one line for each thing that was left out
 
     def is_on(self, option: str) -> bool:
         """Whether an option is set to something else than nothing, 0 or false."""

@@ -17,34 +17,22 @@ NEVER_S = 1e9
 
 @dataclass(frozen=True)
 class Departure:
-    """How vehicles depart, in SUMO's words.
+    """How vehicles depart, in SUMO's words."""
 
-    Attributes:
-        lane: departLane.
-        position: departPos.
-        speed: departSpeed.
-    """
-
+    # departLane
     lane: str = "best_prob"  # SUMO 1.28's where nothing is said
-    position: str = "base"
-    speed: str = "avg"
+    position: str = "base"  # departPos
+    speed: str = "avg"  # departSpeed
 
 
 @dataclass(frozen=True)
 class Rate:
-    """How many vehicles a flow brings.
+    """How many vehicles a flow brings."""
 
-    Attributes:
-        vehps: vehicles per second.
-        is_regular: whether they come evenly instead of at random.
-        begin_s: when it begins.
-        end_s: when it ends.
-    """
-
-    vehps: float
-    is_regular: bool
-    begin_s: float
-    end_s: float
+    vehps: float  # vehicles per second
+    is_regular: bool  # whether they come evenly instead of at random
+    begin_s: float  # when it begins
+    end_s: float  # when it ends
 
 
 def departure_of(element: ET.Element, options: Mapping[str, str]) -> Departure:

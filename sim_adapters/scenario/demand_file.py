@@ -51,27 +51,16 @@ def vehicles_id(edge: str) -> str:
 
 @dataclass(frozen=True)
 class Flow:
-    """Vehicles of one vType and route that come at one rate.
+    """Vehicles of one vType and route that come at one rate."""
 
-    Attributes:
-        id: SUMO id of the flow; parts of one flow share it.
-        vtype: vType of its vehicles.
-        route: edges.
-        rate_vehps: vehicles per second, of this part.
-        is_regular: whether they come evenly instead of at random.
-        begin_s: when it begins.
-        end_s: when it ends.
-        departure: how they depart.
-    """
-
-    id: str
-    vtype: str
-    route: Route
-    rate_vehps: float
-    is_regular: bool
-    begin_s: float
-    end_s: float
-    departure: Departure = field(default_factory=Departure)
+    id: str  # SUMO id of the flow; parts of one flow share it
+    vtype: str  # vType of its vehicles
+    route: Route  # edges
+    rate_vehps: float  # vehicles per second, of this part
+    is_regular: bool  # whether they come evenly instead of at random
+    begin_s: float  # when it begins
+    end_s: float  # when it ends
+    departure: Departure = field(default_factory=Departure)  # how they depart
 
 
 @dataclass(frozen=True)
@@ -87,30 +76,18 @@ class Vehicle:
 
 @dataclass(frozen=True)
 class Demand:
-    """Everything that drives.
+    """Everything that drives."""
 
-    Attributes:
-        file: route file of the subject vehicle, for messages.
-        vtypes: attributes of each vType.
-        flows: background traffic that comes at a rate.
-        vehicles: background vehicles that depart one by one, by departure.
-        subject_route: edges of the subject vehicle.
-        subject_vtype: its vType.
-        subject_depart_s: when the file lets it depart.
-        subject_departure: how it departs.
-        findings: what else stands in the files.
-        files: in which file each element stands, by tag and id, for messages.
-    """
-
-    file: Path
-    vtypes: dict[str, dict[str, str]]
-    flows: tuple[Flow, ...]
-    vehicles: tuple[Vehicle, ...]
-    subject_route: Route
+    file: Path  # route file of the subject vehicle, for messages
+    vtypes: dict[str, dict[str, str]]  # attributes of each vType
+    flows: tuple[Flow, ...]  # background traffic that comes at a rate
+    vehicles: tuple[Vehicle, ...]  # background vehicles that depart one by one, by departure
+    subject_route: Route  # edges of the subject vehicle
     subject_vtype: str
-    subject_depart_s: float
-    subject_departure: Departure
-    findings: tuple[Finding, ...] = ()
+    subject_depart_s: float  # when the file lets it depart
+    subject_departure: Departure  # how it departs
+    findings: tuple[Finding, ...] = ()  # what else stands in the files
+    # in which file each element stands, by tag and id, for messages
     files: Mapping[tuple[str, str], Path] = field(default_factory=dict)
 
     def file_of(self, tag: str, name: str) -> Path:

@@ -16,21 +16,13 @@ class Level(Enum):
 
 @dataclass(frozen=True)
 class Finding:
-    """One part of a scenario.
+    """One part of a scenario."""
 
-    Attributes:
-        level: how well it is followed.
-        file: name of the file in which it stands.
-        element: which element or option.
-        words: by what it is approximated and what that may cost, or what to do.
-        count: how many such elements there are.
-    """
-
-    level: Level
-    file: str
-    element: str
-    words: str = ""
-    count: int = 1
+    level: Level  # how well it is followed
+    file: str  # name of the file in which it stands
+    element: str  # which element or option
+    words: str = ""  # by what it is approximated and what that may cost, or what to do
+    count: int = 1  # how many such elements there are
 
     def __str__(self) -> str:
         """Return it as one line."""

@@ -24,17 +24,11 @@ ON_THIS_SIDE_M = 0.02
 
 @dataclass(frozen=True)
 class RowMap:
-    """Which row each lane lies in.
+    """Which row each lane lies in."""
 
-    Attributes:
-        row_of_lane: row of each lane.
-        num_rows: number of rows.
-        network: the lanes.
-    """
-
-    row_of_lane: dict[LaneKey, int]
-    num_rows: int
-    network: RouteNetwork
+    row_of_lane: dict[LaneKey, int]  # row of each lane
+    num_rows: int  # number of rows
+    network: RouteNetwork  # the lanes
 
 
 def lay_rows(network: RouteNetwork) -> RowMap:

@@ -12,17 +12,11 @@ from sim_adapters.scenario.demand_definitions import Route
 
 @dataclass(frozen=True)
 class RouteUser:
-    """Who drives along a route.
+    """Who drives along a route."""
 
-    Attributes:
-        file: where they stand.
-        element: the first of them.
-        count: how many flows, vehicles and trips they are.
-    """
-
-    file: Path
-    element: str
-    count: int
+    file: Path  # where they stand
+    element: str  # the first of them
+    count: int  # how many flows, vehicles and trips they are
 
 
 def refuse_broken(net: Any, file: Path, routes: Sequence[Route], users: Mapping[Route, RouteUser]) -> None:

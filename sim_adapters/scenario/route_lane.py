@@ -7,28 +7,17 @@ LaneKey = tuple[str, int]
 
 @dataclass(frozen=True)
 class RouteLane:
-    """One lane on the carriageway or on a ramp.
+    """One lane on the carriageway or on a ramp."""
 
-    Attributes:
-        edge: SUMO edge id.
-        index: lane index in the edge, 0 = rightmost.
-        start_m: where the edge begins on the route's axis.
-        end_m: where it ends.
-        speed_limit_mps: legal limit.
-        successors: lanes reached without a lane change.
-        is_acceleration: whether the network marks it as an acceleration lane.
-        is_open: whether all vehicle classes of the scenario may use it.
-        merges_into: lane that it leads into together with a lane of another edge, which goes on there instead.
-    """
-
-    edge: str
-    index: int
-    start_m: float
-    end_m: float
-    speed_limit_mps: float
-    successors: tuple[LaneKey, ...]
-    is_acceleration: bool
-    is_open: bool = True
+    edge: str  # SUMO edge id
+    index: int  # lane index in the edge, 0 = rightmost
+    start_m: float  # where the edge begins on the route's axis
+    end_m: float  # where it ends
+    speed_limit_mps: float  # legal limit
+    successors: tuple[LaneKey, ...]  # lanes reached without a lane change
+    is_acceleration: bool  # whether the network marks it as an acceleration lane
+    is_open: bool = True  # whether all vehicle classes of the scenario may use it
+    # lane that it leads into together with a lane of another edge, which goes on there instead
     merges_into: LaneKey | None = None
 
     @property

@@ -18,31 +18,20 @@ from sim_adapters.scenario.route_lane import LaneKey, RouteLane
 
 @dataclass(frozen=True)
 class RouteNetwork:
-    """All lanes that matter to the subject vehicle's route.
+    """All lanes that matter to the subject vehicle's route."""
 
-    Attributes:
-        file: network file, for messages.
-        main_edges: edges of the route in order.
-        lanes: every lane of the route and of its ramps.
-        lane_count: number of lanes of each edge.
-        ramp_edges: edges of on- and off-ramps.
-        junction_lanes: internal lanes on the route: id -> (lane before it, where it begins on the axis).
-        net: the sumolib network, for projections and shapes.
-        findings: what of it the surrogate cannot follow.
-        zones: stretches on which the surrogate's vehicles change between lanes of different edges.
-        is_left_hand: whether traffic drives on the left and lanes are drawn so: lane 0 is the leftmost.
-    """
-
-    file: Path
-    main_edges: tuple[str, ...]
-    lanes: dict[LaneKey, RouteLane]
-    lane_count: dict[str, int]
-    ramp_edges: tuple[str, ...]
+    file: Path  # network file, for messages
+    main_edges: tuple[str, ...]  # edges of the route in order
+    lanes: dict[LaneKey, RouteLane]  # every lane of the route and of its ramps
+    lane_count: dict[str, int]  # number of lanes of each edge
+    ramp_edges: tuple[str, ...]  # edges of on- and off-ramps
+    # internal lanes on the route: id -> (lane before it, where it begins on the axis)
     junction_lanes: dict[str, tuple[LaneKey, float]]
-    net: Any = field(repr=False, compare=False)
-    findings: tuple[Finding, ...] = ()
+    net: Any = field(repr=False, compare=False)  # the sumolib network, for projections and shapes
+    findings: tuple[Finding, ...] = ()  # what of it the surrogate cannot follow
+    # stretches on which the surrogate's vehicles change between lanes of different edges
     zones: tuple[ChangeZone, ...] = ()
-    is_left_hand: bool = False
+    is_left_hand: bool = False  # whether traffic drives on the left and lanes are drawn so: lane 0 is the leftmost
 
     def edge_lanes(self, edge: str) -> list[RouteLane]:
         """Return the lanes of an edge from right to left."""

@@ -25,35 +25,22 @@ Vtypes = Mapping[str, Mapping[str, float]]
 
 @dataclass(frozen=True)
 class Scenario:
-    """A road with its traffic.
+    """A road with its traffic."""
 
-    Attributes:
-        configuration: what the .sumocfg says.
-        demand: vTypes, routes, flows, vehicles, subject vehicle.
-        network: lanes along the subject vehicle's route.
-        row_map: rows of the surrogate.
-        entrances: first edges of the flows that reach the route, the subject vehicle's first.
-        destinations: last edges of these flows, the subject vehicle's first.
-        destination_routes: for each destination the edges from the beginning of the carriageway to the end.
-        flows: flows that use the subject vehicle's route; single vehicles as flows of their edge.
-        end_s: end of a run, on the scenario's clock.
-        vtype_numbers: numeric attributes of vTypes as SUMO has them, defaults of their class included.
-        findings: how well each part can be followed by the surrogate.
-        warnings: one line for each thing that was left out.
-    """
-
-    configuration: SumoConfiguration
-    demand: Demand
-    network: RouteNetwork
-    row_map: RowMap
-    entrances: tuple[str, ...]
-    destinations: tuple[str, ...]
+    configuration: SumoConfiguration  # what the .sumocfg says
+    demand: Demand  # vTypes, routes, flows, vehicles, subject vehicle
+    network: RouteNetwork  # lanes along the subject vehicle's route
+    row_map: RowMap  # rows of the surrogate
+    entrances: tuple[str, ...]  # first edges of the flows that reach the route, the subject vehicle's first
+    destinations: tuple[str, ...]  # last edges of these flows, the subject vehicle's first
+    # for each destination the edges from the beginning of the carriageway to the end
     destination_routes: tuple[Route, ...]
-    flows: tuple[Flow, ...]
-    end_s: float
+    flows: tuple[Flow, ...]  # flows that use the subject vehicle's route; single vehicles as flows of their edge
+    end_s: float  # end of a run, on the scenario's clock
+    # numeric attributes of vTypes as SUMO has them, defaults of their class included
     vtype_numbers: Vtypes = field(default_factory=dict)
-    findings: tuple[Finding, ...] = ()
-    warnings: tuple[str, ...] = ()
+    findings: tuple[Finding, ...] = ()  # how well each part can be followed by the surrogate
+    warnings: tuple[str, ...] = ()  # one line for each thing that was left out
 
     @property
     def flow_ids(self) -> tuple[str, ...]:

@@ -30,15 +30,10 @@ MOVERS = ("flow", "vehicle", "trip")
 
 @dataclass(frozen=True)
 class WrittenScenario:
-    """Files of a written scenario.
+    """Files of a written scenario."""
 
-    Attributes:
-        config: the configuration.
-        files: additional files, then route files, in the order in which SUMO loads them.
-    """
-
-    config: Path
-    files: tuple[Path, ...]
+    config: Path  # the configuration
+    files: tuple[Path, ...]  # additional files, then route files, in the order in which SUMO loads them
 
 
 def write_scenario(

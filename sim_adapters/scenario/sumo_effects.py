@@ -37,20 +37,14 @@ class NotExpressibleError(ValueError):
 
 @dataclass
 class Draft:
-    """A scenario on its way to files.
+    """A scenario on its way to files."""
 
-    Attributes:
-        scenario: what it is made from.
-        elements: elements of route and additional files, vTypes among them, in the order in which SUMO reads them.
-        processing: options of the configuration.
-        seed: of the run.
-    """
-
-    scenario: Scenario
+    scenario: Scenario  # what it is made from
+    # elements of route and additional files, vTypes among them, in the order in which SUMO reads them
     elements: list[ET.Element]
-    seed: int
+    seed: int  # of the run
     rates_vehps: Mapping[str, float]
-    processing: dict[str, str] = field(default_factory=dict)
+    processing: dict[str, str] = field(default_factory=dict)  # options of the configuration
 
     @property
     def background(self) -> tuple[str, ...]:

@@ -33,23 +33,16 @@ CLASS_DEFAULTS: dict[str, dict[str, float]] = {
 
 @dataclass(frozen=True)
 class Attribute:
-    """A vType attribute that the surrogate knows.
+    """A vType attribute that the surrogate knows."""
 
-    Attributes:
-        name: SUMO's.
-        record: record of a `VehicleClass` that holds it, "car_following" or "lane_change"; empty for the class itself.
-        field: field of the record.
-        default: SUMO's value where the vType is silent; None where the vehicle class, or another attribute, decides.
-        factor: SI units in one of SUMO's.
-        own_unit: SUMO's unit where the factor is not 1.
-    """
-
-    name: str
+    name: str  # SUMO's
+    # record of a `VehicleClass` that holds it, "car_following" or "lane_change"; empty for the class itself
     record: str
-    field: str
+    field: str  # field of the record
+    # SUMO's value where the vType is silent; None where the vehicle class, or another attribute, decides
     default: float | None = None
-    factor: float = 1.0
-    own_unit: str = ""
+    factor: float = 1.0  # SI units in one of SUMO's
+    own_unit: str = ""  # SUMO's unit where the factor is not 1
 
     def of(self, vehicle_class: VehicleClass) -> Any:
         """Return the field of a class."""
@@ -58,17 +51,11 @@ class Attribute:
 
 @dataclass(frozen=True)
 class SumoModel:
-    """A car-following model that scenarios may name.
+    """A car-following model that scenarios may name."""
 
-    Attributes:
-        entry: the model in the surrogate.
-        attributes: those of its own that decide how a vehicle follows its leader.
-        follows_by_decel: whether `decel` does so, too, or is for stops and lane changes only.
-    """
-
-    entry: ModelEntry[CarFollowingModel]
-    attributes: tuple[Attribute, ...]
-    follows_by_decel: bool = True
+    entry: ModelEntry[CarFollowingModel]  # the model in the surrogate
+    attributes: tuple[Attribute, ...]  # those of its own that decide how a vehicle follows its leader
+    follows_by_decel: bool = True  # whether `decel` does so, too, or is for stops and lane changes only
 
 
 _COMMON = (

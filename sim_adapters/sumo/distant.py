@@ -10,21 +10,13 @@ from typing import Any
 
 @dataclass(frozen=True)
 class DistantTypes:
-    """Which vTypes change, and when.
+    """Which vTypes change, and when."""
 
-    Attributes:
-        distant_vtypes: vType as which each of these vTypes follows beyond the sensors' range.
-        ahead_m: range of the sensors ahead.
-        behind_m: range behind.
-        steps_per_decision: steps between two looks.
-        first_step: step of the first look, on the scenario's clock.
-    """
-
-    distant_vtypes: Mapping[str, str]
-    ahead_m: float
-    behind_m: float
-    steps_per_decision: int
-    first_step: int
+    distant_vtypes: Mapping[str, str]  # vType as which each of these vTypes follows beyond the sensors' range
+    ahead_m: float  # range of the sensors ahead
+    behind_m: float  # range behind
+    steps_per_decision: int  # steps between two looks
+    first_step: int  # step of the first look, on the scenario's clock
 
 
 class TypeSwitch:

@@ -38,31 +38,18 @@ ONLY_WHAT_IS_TOLD = 256  # SUMO's lane-change mode: no changes of its own, and n
 
 @dataclass(frozen=True)
 class SubjectControl:
-    """What a worker needs to drive the subject vehicle; leaves are NumPy arrays, so that it can be sent there.
+    """What a worker needs to drive the subject vehicle; leaves are NumPy arrays, so that it can be sent there."""
 
-    Attributes:
-        road: the surrogate's road.
-        classes: vehicle classes, the subject vehicle's last.
-        class_of_vtype: index of each other vehicle's vType among the classes.
-        planner: its planner; None where it follows by a model and changes lane as SUMO does.
-        steps_per_decision: steps between two plans.
-        first_step: step of the first plan, on the scenario's clock.
-        step_s: length of a step.
-        seed: seed of the run.
-        identity: what keys the subject vehicle's random numbers.
-        log: the drive that it repeats instead; None where it decides for itself.
-    """
-
-    road: Road
-    classes: tuple[VehicleClass, ...]
-    class_of_vtype: Mapping[str, int]
-    planner: Planner | None
-    steps_per_decision: int
-    first_step: int
-    step_s: float
-    seed: int
-    identity: int
-    log: LoggedDrive | None = None
+    road: Road  # the surrogate's road
+    classes: tuple[VehicleClass, ...]  # vehicle classes, the subject vehicle's last
+    class_of_vtype: Mapping[str, int]  # index of each other vehicle's vType among the classes
+    planner: Planner | None  # its planner; None where it follows by a model and changes lane as SUMO does
+    steps_per_decision: int  # steps between two plans
+    first_step: int  # step of the first plan, on the scenario's clock
+    step_s: float  # length of a step
+    seed: int  # seed of the run
+    identity: int  # what keys the subject vehicle's random numbers
+    log: LoggedDrive | None = None  # the drive that it repeats instead; None where it decides for itself
 
 
 class Driver(Protocol):

@@ -21,22 +21,14 @@ SPARE_S = 60.0  # for starting, loading and ending, however busy the machine is
 
 @dataclass(frozen=True)
 class FirstRun:
-    """What a first run showed.
+    """What a first run showed."""
 
-    Attributes:
-        reached_s: where it ended, on the scenario's clock.
-        is_whole: whether it ended by itself, not because its time was over.
-        entered_s: when the subject vehicle entered; None where it did not.
-        arrived_s: when it arrived; None where it did not.
-        edge: where it was at the end; empty where it was not on the road.
-        waiting: how many vehicles of each entrance's edge had not entered by the end.
-    """
-
-    reached_s: float
-    is_whole: bool
-    entered_s: float | None
-    arrived_s: float | None
-    edge: str = ""
+    reached_s: float  # where it ended, on the scenario's clock
+    is_whole: bool  # whether it ended by itself, not because its time was over
+    entered_s: float | None  # when the subject vehicle entered; None where it did not
+    arrived_s: float | None  # when it arrived; None where it did not
+    edge: str = ""  # where it was at the end; empty where it was not on the road
+    # how many vehicles of each entrance's edge had not entered by the end
     waiting: Mapping[str, int] = field(default_factory=dict)
 
 

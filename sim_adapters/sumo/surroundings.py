@@ -12,25 +12,15 @@ PLACES = 224  # vehicles around one subject vehicle; if there are more, the fart
 
 @dataclass(frozen=True)
 class Surroundings:
-    """Vehicles at one instant, one entry each, in any order; the subject vehicle is one of them.
+    """Vehicles at one instant, one entry each, in any order; the subject vehicle is one of them."""
 
-    Attributes:
-        row: row of the road.
-        position_m: front bumper on the route's axis.
-        speed_mps: speed.
-        acceleration_mps2: acceleration.
-        vehicle_class: index of its vType among the world's classes.
-        subject: entry of the subject vehicle.
-        speed_factor: desired speed of the subject vehicle over the limit.
-    """
-
-    row: np.ndarray
-    position_m: np.ndarray
+    row: np.ndarray  # row of the road
+    position_m: np.ndarray  # front bumper on the route's axis
     speed_mps: np.ndarray
     acceleration_mps2: np.ndarray
-    vehicle_class: np.ndarray
-    subject: int
-    speed_factor: float
+    vehicle_class: np.ndarray  # index of its vType among the world's classes
+    subject: int  # entry of the subject vehicle
+    speed_factor: float  # desired speed of the subject vehicle over the limit
 
 
 def vehicle_arrays(around: Surroundings, num_rows: int) -> tuple[VehicleArrays, np.ndarray, int]:

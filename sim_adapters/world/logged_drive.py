@@ -13,21 +13,13 @@ from surrogate.subject.logged_drive import LoggedMotion
 
 @dataclass(frozen=True)
 class LoggedDrive:
-    """What a subject vehicle did, one value for each step from `first_step` on.
+    """What a subject vehicle did, one value for each step from `first_step` on."""
 
-    Attributes:
-        depart_s: departure of the drive, by which runs choose it.
-        first_step: step of the simulators' clock at whose beginning the log begins.
-        position_m: front bumper along the route.
-        speed_mps: speed.
-        row: row of the road; a lane change takes effect right after the last frame in the old lane.
-    """
-
-    depart_s: float
-    first_step: int
-    position_m: np.ndarray
+    depart_s: float  # departure of the drive, by which runs choose it
+    first_step: int  # step of the simulators' clock at whose beginning the log begins
+    position_m: np.ndarray  # front bumper along the route
     speed_mps: np.ndarray
-    row: np.ndarray
+    row: np.ndarray  # row of the road; a lane change takes effect right after the last frame in the old lane
 
 
 def resample(

@@ -27,18 +27,12 @@ ONE_LANE_RULE = ""
 
 @dataclass(frozen=True)
 class Queue:
-    """Those who wait for the same lanes of one edge.
-
-    Attributes:
-        edge: the edge.
-        lane: SUMO's departLane; empty where all who enter at the edge are one queue.
-        flows: flows that come to it; single vehicles are one for each vType, route and departure.
-        vehicles: the single vehicles, each with its flow's place among `flows`, and its number at the edge.
-    """
+    """Those who wait for the same lanes of one edge."""
 
     edge: str
-    lane: str
-    flows: tuple[Flow, ...]
+    lane: str  # SUMO's departLane; empty where all who enter at the edge are one queue
+    flows: tuple[Flow, ...]  # flows that come to it; single vehicles are one for each vType, route and departure
+    # the single vehicles, each with its flow's place among `flows`, and its number at the edge
     vehicles: tuple[tuple[Vehicle, int, int], ...] = ()
 
 

@@ -39,60 +39,37 @@ class WorldTemplate:
     """What all worlds of one scenario share.
 
     Where `schedule` is given, what is called an entrance here is one of the queues before it.
-
-    Attributes:
-        layout: meaning of parameter vectors.
-        road: geometry.
-        lane_row: rows of each entrance's lanes.
-        serves: which lanes of an entrance serve a destination.
-        edge_m: begin and end of each entrance's edge.
-        window_s: begin and end of each entrance's flows.
-        is_regular: whether vehicles come evenly.
-        flow_rate_vehps: rate of each flow as the scenario has it, [entrance, flow]; 0 where there is none.
-        input_vehps: demand of each input as the scenario has it, in the mean over the time in which it comes.
-        flow_input: input that scales each flow; the number of inputs where none does.
-        flow_destination: destination of each flow.
-        flow_class: class of each flow.
-        class_names: vTypes in the order of the classes: of the flows, of distant vehicles, of the subject vehicle.
-        class_models: their car-following models.
-        class_values: their attributes.
-        subject_entrance: entrance of the subject vehicle.
-        subject_destination: its destination.
-        subject_model: who drives it.
-        sensor_range_m: how far it sees ahead and behind; its planner knows no more.
-        logged_drives: the drives that it repeats, if it does; put in with `dataclasses.replace`.
-        distant_vtypes: vType as which each of these vTypes follows beyond the sensors' range.
-        schedule: what may arrive, where entrances know more than one window of time or ways to depart; else None.
-        rules: how vehicles depart; given with a schedule.
-        entrance_of_queue: entrance before which each queue waits; given with a schedule.
-        vehicle_scale: SUMO's factor on single vehicles.
     """
 
-    layout: ParameterLayout
-    road: Road
-    lane_row: np.ndarray
-    serves: np.ndarray
-    edge_m: np.ndarray
-    window_s: np.ndarray
-    is_regular: np.ndarray
-    flow_rate_vehps: np.ndarray
-    input_vehps: np.ndarray
-    flow_input: np.ndarray
-    flow_destination: np.ndarray
-    flow_class: np.ndarray
+    layout: ParameterLayout  # meaning of parameter vectors
+    road: Road  # geometry
+    lane_row: np.ndarray  # rows of each entrance's lanes
+    serves: np.ndarray  # which lanes of an entrance serve a destination
+    edge_m: np.ndarray  # begin and end of each entrance's edge
+    window_s: np.ndarray  # begin and end of each entrance's flows
+    is_regular: np.ndarray  # whether vehicles come evenly
+    flow_rate_vehps: np.ndarray  # rate of each flow as the scenario has it, [entrance, flow]; 0 where there is none
+    input_vehps: np.ndarray  # demand of each input as the scenario has it, in the mean over the time in which it comes
+    flow_input: np.ndarray  # input that scales each flow; the number of inputs where none does
+    flow_destination: np.ndarray  # destination of each flow
+    flow_class: np.ndarray  # class of each flow
+    # vTypes in the order of the classes: of the flows, of distant vehicles, of the subject vehicle
     class_names: tuple[str, ...]
-    class_models: tuple[str, ...]
-    class_values: tuple[dict[str, float], ...]
-    subject_entrance: int
+    class_models: tuple[str, ...]  # their car-following models
+    class_values: tuple[dict[str, float], ...]  # their attributes
+    subject_entrance: int  # entrance of the subject vehicle
     subject_destination: int
-    subject_model: SubjectModel = field(default_factory=SubjectModel)
-    sensor_range_m: tuple[float, float] = (150.0, 150.0)
+    subject_model: SubjectModel = field(default_factory=SubjectModel)  # who drives it
+    sensor_range_m: tuple[float, float] = (150.0, 150.0)  # how far it sees ahead and behind; its planner knows no more
+    # the drives that it repeats, if it does; put in with `dataclasses.replace`
     logged_drives: tuple[LoggedDrive, ...] = ()
+    # vType as which each of these vTypes follows beyond the sensors' range
     distant_vtypes: Mapping[str, str] = field(default_factory=dict)
+    # what may arrive, where entrances know more than one window of time or ways to depart; else None
     schedule: Schedule | None = None
-    rules: DepartureRules | None = None
-    entrance_of_queue: np.ndarray | None = None
-    vehicle_scale: float = 1.0
+    rules: DepartureRules | None = None  # how vehicles depart; given with a schedule
+    entrance_of_queue: np.ndarray | None = None  # entrance before which each queue waits; given with a schedule
+    vehicle_scale: float = 1.0  # SUMO's factor on single vehicles
 
     @property
     def can_share_runs(self) -> bool:

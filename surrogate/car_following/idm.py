@@ -16,23 +16,15 @@ NO_STOP_CLOSER_THAN_M = 0.01  # SUMO: with less than this ahead, the vehicle sta
 class Idm(CarFollowingModel):
     """Intelligent driver model.
 
-    Attributes:
-        jam_gap_m: s0.
-        time_gap_s: T.
-        max_acceleration_mps2: a.
-        max_deceleration_mps2: b, the comfortable deceleration; a positive number.
-        emergency_deceleration_mps2: physical bound, not part of the published model.
-        acceleration_exponent: delta, dimensionless.
-
     Source: Treiber, Hennecke & Helbing (2000), Phys. Rev. E 62, 1805.
     """
 
-    jam_gap_m: Value
-    time_gap_s: Value
+    jam_gap_m: Value  # s0
+    time_gap_s: Value  # T
     max_acceleration_mps2: Value
-    max_deceleration_mps2: Value
-    emergency_deceleration_mps2: Value
-    acceleration_exponent: Value
+    max_deceleration_mps2: Value  # b, the comfortable deceleration; a positive number
+    emergency_deceleration_mps2: Value  # physical bound, not part of the published model
+    acceleration_exponent: Value  # delta, dimensionless
 
     def acceleration(self, situation: FollowingSituation, step_s: float) -> Value:
         """Return the IDM acceleration; see `idm_acceleration`."""

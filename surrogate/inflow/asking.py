@@ -13,23 +13,15 @@ WAITING_SLOTS = 16  # of those who wait for the same lanes, so many may be overt
 
 
 class Asking(NamedTuple):
-    """Those at the front of each queue who may ask for a lane, by how long they have waited.
+    """Those at the front of each queue who may ask for a lane, by how long they have waited."""
 
-    Attributes:
-        is_there: whether there is one.
-        is_subject: whether it is the subject vehicle.
-        slot: its place in the list of those who wait; behind its end for the subject vehicle.
-        identity: who it is.
-        flow: flow that it is of.
-        since_s: since when it has waited.
-    """
-
-    is_there: Bool[Array, "entrance asking"]
-    is_subject: Bool[Array, "entrance asking"]
+    is_there: Bool[Array, "entrance asking"]  # whether there is one
+    is_subject: Bool[Array, "entrance asking"]  # whether it is the subject vehicle
+    # its place in the list of those who wait; behind its end for the subject vehicle
     slot: Int[Array, "entrance asking"]
-    identity: Int[Array, "entrance asking"]
-    flow: Int[Array, "entrance asking"]
-    since_s: Float[Array, "entrance asking"]
+    identity: Int[Array, "entrance asking"]  # who it is
+    flow: Int[Array, "entrance asking"]  # flow that it is of
+    since_s: Float[Array, "entrance asking"]  # since when it has waited
 
 
 def who_asks(

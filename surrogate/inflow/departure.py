@@ -54,28 +54,15 @@ class Departure(eqx.Module):
 
 
 class DepartureRules(eqx.Module):
-    """How the vehicles of each flow of each queue depart.
+    """How the vehicles of each flow of each queue depart."""
 
-    Attributes:
-        lane: on which of the lanes that serve; see `Lane`.
-        position: where; see `Position`.
-        position_m: the number, for those at one.
-        speed: how fast; see `Speed`.
-        speed_mps: the number, for those with one.
-        subject: how the subject vehicle departs.
-        has_random_lanes: whether any lane is random.
-        has_probable_lanes: whether any is the probable one.
-        positions: all ways that occur.
-        speeds: the same for speeds.
-    """
-
-    lane: Int[Array, " queue"]
-    position: Int[Array, "queue flow"]
-    position_m: Float[Array, "queue flow"]
-    speed: Int[Array, "queue flow"]
-    speed_mps: Float[Array, "queue flow"]
-    subject: Departure
-    has_random_lanes: bool = eqx.field(static=True)
-    has_probable_lanes: bool = eqx.field(static=True)
-    positions: tuple[Position, ...] = eqx.field(static=True)
-    speeds: tuple[Speed, ...] = eqx.field(static=True)
+    lane: Int[Array, " queue"]  # on which of the lanes that serve; see `Lane`
+    position: Int[Array, "queue flow"]  # where; see `Position`
+    position_m: Float[Array, "queue flow"]  # the number, for those at one
+    speed: Int[Array, "queue flow"]  # how fast; see `Speed`
+    speed_mps: Float[Array, "queue flow"]  # the number, for those with one
+    subject: Departure  # how the subject vehicle departs
+    has_random_lanes: bool = eqx.field(static=True)  # whether any lane is random
+    has_probable_lanes: bool = eqx.field(static=True)  # whether any is the probable one
+    positions: tuple[Position, ...] = eqx.field(static=True)  # all ways that occur
+    speeds: tuple[Speed, ...] = eqx.field(static=True)  # the same for speeds

@@ -29,36 +29,24 @@ def subject_identity(num_entrances: int) -> int:
 
 
 class Inflow(eqx.Module):
-    """Where and as what vehicles enter.
+    """Where and as what vehicles enter."""
 
-    Attributes:
-        lane_row: rows of each entrance's lanes, from the right; -1 beyond the last.
-        start_m: where the entrance's first edge begins.
-        end_m: where it ends; newcomers are placed on it.
-        serves: whether a lane of the entrance is among the best for a destination (SUMO's departLane="best").
-        is_regular: whether vehicles arrive evenly instead of at random.
-        flow_share: cumulated shares of the flows of each entrance; 1 from the last flow on.
-        flow_destination: destination of each flow.
-        flow_class: vehicle class of each flow.
-        begin_s: when the entrance opens.
-        end_s: when it closes.
-        timetable: every arrival, where entrances have flows of several windows of time, or single vehicles; None where
-            one window each says it all. Vehicles that wait for different lanes do not wait for one another, so an edge
-            then is as many entrances as there are sets of lanes among those who enter there.
-        rules: how vehicles depart; given with a timetable, None where all do as `entering` has it.
-    """
-
-    lane_row: Int[Array, "entrance lane"]
-    start_m: Float[Array, " entrance"]
-    end_m: Float[Array, " entrance"]
+    lane_row: Int[Array, "entrance lane"]  # rows of each entrance's lanes, from the right; -1 beyond the last
+    start_m: Float[Array, " entrance"]  # where the entrance's first edge begins
+    end_m: Float[Array, " entrance"]  # where it ends; newcomers are placed on it
+    # whether a lane of the entrance is among the best for a destination (SUMO's departLane="best")
     serves: Bool[Array, "entrance destination lane"]
-    is_regular: Bool[Array, " entrance"]
-    flow_share: Float[Array, "entrance flow"]
-    flow_destination: Int[Array, "entrance flow"]
-    flow_class: Int[Array, "entrance flow"]
-    begin_s: Float[Array, " entrance"]
-    end_s: Float[Array, " entrance"]
+    is_regular: Bool[Array, " entrance"]  # whether vehicles arrive evenly instead of at random
+    flow_share: Float[Array, "entrance flow"]  # cumulated shares of the flows of each entrance; 1 from the last flow on
+    flow_destination: Int[Array, "entrance flow"]  # destination of each flow
+    flow_class: Int[Array, "entrance flow"]  # vehicle class of each flow
+    begin_s: Float[Array, " entrance"]  # when the entrance opens
+    end_s: Float[Array, " entrance"]  # when it closes
+    # every arrival, where entrances have flows of several windows of time, or single vehicles; None where one
+    # window each says it all. Vehicles that wait for different lanes do not wait for one another, so an edge then
+    # is as many entrances as there are sets of lanes among those who enter there.
     timetable: Timetable | None = None
+    # how vehicles depart; given with a timetable, None where all do as `entering` has it
     rules: DepartureRules | None = None
 
     @property
@@ -68,20 +56,13 @@ class Inflow(eqx.Module):
 
 
 class SubjectPlan(eqx.Module):
-    """When and where the subject vehicle enters.
+    """When and where the subject vehicle enters."""
 
-    Attributes:
-        depart_s: when it enters, or as soon after as there is room. Several subject vehicles have a time each, in
-            order.
-        entrance: index of its entrance.
-        destination: index of its destination.
-        vehicle_class: its class; a number of the trace, not a leaf.
-    """
-
+    # when it enters, or as soon after as there is room. Several subject vehicles have a time each, in order.
     depart_s: Float[Array, "*subject"]
-    entrance: int = eqx.field(static=True)
-    destination: int = eqx.field(static=True)
-    vehicle_class: int = eqx.field(static=True)
+    entrance: int = eqx.field(static=True)  # index of its entrance
+    destination: int = eqx.field(static=True)  # index of its destination
+    vehicle_class: int = eqx.field(static=True)  # its class; a number of the trace, not a leaf
 
     @property
     def num_subjects(self) -> int:
@@ -155,21 +136,13 @@ def _arrive_by_timetable(state: TrafficState, table: Timetable, now_s: Float[Arr
 
 
 class ArrivalDraws(eqx.Module):
-    """How far apart vehicles arrive.
+    """How far apart vehicles arrive."""
 
-    Attributes:
-        inflow: where vehicles enter.
-        demand_vehps: demand of each entrance.
-        seed: seed of the run.
-        effects: what the baseline lacks; None for the baseline.
-        mainline: entrance of the subject vehicle.
-    """
-
-    inflow: Inflow
-    demand_vehps: Float[Array, " entrance"]
-    seed: Int[Array, ""]
-    effects: Effects | None
-    mainline: int = eqx.field(static=True)
+    inflow: Inflow  # where vehicles enter
+    demand_vehps: Float[Array, " entrance"]  # demand of each entrance
+    seed: Int[Array, ""]  # seed of the run
+    effects: Effects | None  # what the baseline lacks; None for the baseline
+    mainline: int = eqx.field(static=True)  # entrance of the subject vehicle
 
     def demand_to(self, arrival: Int[Array, " entrance"]) -> Float[Array, " entrance"]:
         """Return the demand [veh] between arrival number `arrival` - 1 and `arrival`."""

@@ -20,26 +20,17 @@ SPEED_FACTOR_BOUNDS = (0.2, 2.0)  # SUMO's defaults for normc
 
 
 class Entrants(eqx.Module):
-    """Candidates to enter at one decision, one per lane of each entrance.
+    """Candidates to enter at one decision, one per lane of each entrance."""
 
-    Attributes:
-        vehicles: the candidates.
-        entry_ahead: entry behind which each goes.
-        enters: whether there is one and it has room.
-        rank: place in the queue.
-        is_subject: whether it is the subject vehicle.
-        waiting: numbers of the arrivals at the front of each queue, this decision's among them; None where nobody
-            overtakes in a queue.
-        slot: place of each candidate in that list.
-    """
-
-    vehicles: VehicleArrays
-    entry_ahead: Int[Array, "entrance lane"]
-    enters: Bool[Array, "entrance lane"]
-    rank: Int[Array, "entrance lane"]
-    is_subject: Bool[Array, "entrance lane"]
+    vehicles: VehicleArrays  # the candidates
+    entry_ahead: Int[Array, "entrance lane"]  # entry behind which each goes
+    enters: Bool[Array, "entrance lane"]  # whether there is one and it has room
+    rank: Int[Array, "entrance lane"]  # place in the queue
+    is_subject: Bool[Array, "entrance lane"]  # whether it is the subject vehicle
+    # numbers of the arrivals at the front of each queue, this decision's among them; None where nobody overtakes
+    # in a queue
     waiting: Int[Array, "entrance slot"] | None = None
-    slot: Int[Array, "entrance lane"] | None = None
+    slot: Int[Array, "entrance lane"] | None = None  # place of each candidate in that list
 
 
 def choose_lanes(

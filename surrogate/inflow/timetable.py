@@ -22,59 +22,36 @@ NEVER_S = jnp.inf
 
 
 class Schedule(eqx.Module):
-    """What may arrive; the same for all runs of a scenario.
+    """What may arrive; the same for all runs of a scenario."""
 
-    Attributes:
-        begin_s: when each flow begins.
-        end_s: when it ends.
-        opens_s: before this nobody comes, whatever a flow says.
-        is_regular: whether its vehicles come evenly instead of at random.
-        begins_anywhere: whether a regular flow's first vehicle comes anywhere within the first interval, as where it is
-            one part of a flow; else at its begin.
-        queue: queue of each flow.
-        column: number of the flow in its queue, for its rate.
-        is_mainline: whether the subject vehicle enters at the same edge.
-        num_lanes: lanes of that edge.
-        vehicle_s: when each single vehicle departs.
-        vehicle_number: its number among those that are scaled together.
-        vehicle_column: queue and column of its kind, for the factor.
-        source: for each place of each queue's table, where its arrival stands: flow by flow, then vehicle by vehicle,
-            each as often as it may come, then one that never comes.
-        flow: column of each place's flow in its queue.
-        most_of_flow: vehicles of a flow for which there is room.
-        most_copies: how often a single vehicle may come.
-    """
-
-    begin_s: Float[Array, " flow"]
-    end_s: Float[Array, " flow"]
-    opens_s: Float[Array, ""]
-    is_regular: Bool[Array, " flow"]
+    begin_s: Float[Array, " flow"]  # when each flow begins
+    end_s: Float[Array, " flow"]  # when it ends
+    opens_s: Float[Array, ""]  # before this nobody comes, whatever a flow says
+    is_regular: Bool[Array, " flow"]  # whether its vehicles come evenly instead of at random
+    # whether a regular flow's first vehicle comes anywhere within the first interval, as where it is one part of
+    # a flow; else at its begin
     begins_anywhere: Bool[Array, " flow"]
-    queue: Int[Array, " flow"]
-    column: Int[Array, " flow"]
-    is_mainline: Bool[Array, " flow"]
-    num_lanes: Int[Array, " flow"]
-    vehicle_s: Float[Array, " single"]
-    vehicle_number: Int[Array, " single"]
-    vehicle_column: Int[Array, "single two"]
+    queue: Int[Array, " flow"]  # queue of each flow
+    column: Int[Array, " flow"]  # number of the flow in its queue, for its rate
+    is_mainline: Bool[Array, " flow"]  # whether the subject vehicle enters at the same edge
+    num_lanes: Int[Array, " flow"]  # lanes of that edge
+    vehicle_s: Float[Array, " single"]  # when each single vehicle departs
+    vehicle_number: Int[Array, " single"]  # its number among those that are scaled together
+    vehicle_column: Int[Array, "single two"]  # queue and column of its kind, for the factor
+    # for each place of each queue's table, where its arrival stands: flow by flow, then vehicle by vehicle, each
+    # as often as it may come, then one that never comes
     source: Int[Array, "queue place"]
-    flow: Int[Array, "queue place"]
-    most_of_flow: int = eqx.field(static=True)
-    most_copies: int = eqx.field(static=True)
+    flow: Int[Array, "queue place"]  # column of each place's flow in its queue
+    most_of_flow: int = eqx.field(static=True)  # vehicles of a flow for which there is room
+    most_copies: int = eqx.field(static=True)  # how often a single vehicle may come
 
 
 class Timetable(eqx.Module):
-    """The arrivals of one run, in order.
+    """The arrivals of one run, in order."""
 
-    Attributes:
-        time_s: when the vehicles of each queue arrive, rising; inf behind the last.
-        place: place of each in the schedule, which keys its random numbers.
-        flow: column of each place's flow in its queue.
-    """
-
-    time_s: Float[Array, "queue arrival"]
-    place: Int[Array, "queue arrival"]
-    flow: Int[Array, "queue place"]
+    time_s: Float[Array, "queue arrival"]  # when the vehicles of each queue arrive, rising; inf behind the last
+    place: Int[Array, "queue arrival"]  # place of each in the schedule, which keys its random numbers
+    flow: Int[Array, "queue place"]  # column of each place's flow in its queue
 
     def num_until(self, queue: int, time_s: Float[Array, ""]) -> Int[Array, ""]:
         """Return how many have arrived at a queue before a time."""

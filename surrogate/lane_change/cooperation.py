@@ -33,19 +33,12 @@ NO_ADVICE = jnp.inf
 
 
 class Requests(eqx.Module):
-    """What a vehicle that must change asks of itself and of its two neighbours in the target lane.
+    """What a vehicle that must change asks of itself and of its two neighbours in the target lane."""
 
-    Attributes:
-        own_advice_mps2: acceleration for itself; inf where none.
-        leader_advice_mps2: acceleration for the leader in the target lane; inf where none.
-        follower_advice_mps2: acceleration for the follower there; inf where none.
-        asks_follower: whether the follower is told that he is in the way.
-    """
-
-    own_advice_mps2: Value
-    leader_advice_mps2: Value
-    follower_advice_mps2: Value
-    asks_follower: Flag
+    own_advice_mps2: Value  # acceleration for itself; inf where none
+    leader_advice_mps2: Value  # acceleration for the leader in the target lane; inf where none
+    follower_advice_mps2: Value  # acceleration for the follower there; inf where none
+    asks_follower: Flag  # whether the follower is told that he is in the way
 
 
 def requests(
@@ -143,23 +136,14 @@ def _deal_with_leader(
 
 
 class _Follower(eqx.Module):
-    """The follower in the target lane, asked what he would do behind the vehicle that must change.
+    """The follower in the target lane, asked what he would do behind the vehicle that must change."""
 
-    Attributes:
-        ego: that vehicle.
-        side: the lane.
-        models: car-following models of the followers.
-        planned_mps: speed that the vehicle plans.
-        max_deceleration_mps2: of the vehicle.
-        step_s: length of a time step.
-    """
-
-    ego: Ego
-    side: Side
-    models: CarFollowingMix
-    planned_mps: Value
-    max_deceleration_mps2: Value
-    step_s: float = eqx.field(static=True)
+    ego: Ego  # that vehicle
+    side: Side  # the lane
+    models: CarFollowingMix  # car-following models of the followers
+    planned_mps: Value  # speed that the vehicle plans
+    max_deceleration_mps2: Value  # of the vehicle
+    step_s: float = eqx.field(static=True)  # length of a time step
 
     def secure_m(self, own_mps: Value, leader_mps: Value) -> Value:
         """Gap that is secure between him and the vehicle."""
@@ -185,19 +169,12 @@ class _Follower(eqx.Module):
 
 
 class _Opening(eqx.Module):
-    """What a follower who brakes does for the gap.
+    """What a follower who brakes does for the gap."""
 
-    Attributes:
-        next_mps: his speed after a step of braking.
-        just_enough_mps: speed at which the gap opens no further than it needs to.
-        helps_now: whether a second of braking opens it.
-        helps_eventually: whether braking opens it in the time left.
-    """
-
-    next_mps: Value
-    just_enough_mps: Value
-    helps_now: Flag
-    helps_eventually: Flag
+    next_mps: Value  # his speed after a step of braking
+    just_enough_mps: Value  # speed at which the gap opens no further than it needs to
+    helps_now: Flag  # whether a second of braking opens it
+    helps_eventually: Flag  # whether braking opens it in the time left
 
 
 def _opening(follower: _Follower, help_decel: Value, remaining_s: Value) -> _Opening:

@@ -27,27 +27,16 @@ Pair = tuple[Any, Any]  # to the right, to the left
 
 
 class Outlook(eqx.Module):
-    """What a driver knows when he judges his lanes; pairs are (right, left).
+    """What a driver knows when he judges his lanes; pairs are (right, left)."""
 
-    Attributes:
-        ego: each vehicle and its own lane.
-        sides: the lanes beside.
-        routes: what the route says of them.
-        secure_gaps: who is in the way there by LC2013's rule.
-        vehicle_class: class of each vehicle.
-        old_follower: who follows each vehicle in its own row.
-        following: car-following models.
-        step_s: length of a time step.
-    """
-
-    ego: Ego
-    sides: tuple[Side, Side]
-    routes: tuple[Strategy, Strategy]
-    secure_gaps: tuple[Blocked, Blocked]
-    vehicle_class: Int[Array, " vehicle"]
-    old_follower: OldFollower
-    following: Following
-    step_s: float = eqx.field(static=True)
+    ego: Ego  # each vehicle and its own lane
+    sides: tuple[Side, Side]  # the lanes beside
+    routes: tuple[Strategy, Strategy]  # what the route says of them
+    secure_gaps: tuple[Blocked, Blocked]  # who is in the way there by LC2013's rule
+    vehicle_class: Int[Array, " vehicle"]  # class of each vehicle
+    old_follower: OldFollower  # who follows each vehicle in its own row
+    following: Following  # car-following models
+    step_s: float = eqx.field(static=True)  # length of a time step
 
 
 class FreeModel(LaneChangeModel):

@@ -13,57 +13,32 @@ Flag = Bool[Array, " vehicle"]
 
 
 class Ego(eqx.Module):
-    """What a vehicle knows of itself and its own lane.
+    """What a vehicle knows of itself and its own lane."""
 
-    Attributes:
-        speed_mps: own speed.
-        acceleration_mps2: own last acceleration.
-        max_speed_mps: speed wanted on this lane.
-        speed_limit_mps: legal limit.
-        length_m: own length.
-        lane_length_m: length of the edge that the vehicle is on.
-        leader_exists: whether there is a leader in the own lane.
-        leader_gap_m: gap to it less the jam gap; inf where there is none.
-        leader_speed_mps: its speed.
-        leader_acceleration_mps2: its last acceleration.
-        leader_max_speed_mps: speed that it wants.
-        leader_class: its class.
-        need: what the route demands in the own row.
-    """
-
-    speed_mps: Value
-    acceleration_mps2: Value
-    max_speed_mps: Value
-    speed_limit_mps: Value
-    length_m: Value
-    lane_length_m: Value
-    leader_exists: Flag
-    leader_gap_m: Value
+    speed_mps: Value  # own speed
+    acceleration_mps2: Value  # own last acceleration
+    max_speed_mps: Value  # speed wanted on this lane
+    speed_limit_mps: Value  # legal limit
+    length_m: Value  # own length
+    lane_length_m: Value  # length of the edge that the vehicle is on
+    leader_exists: Flag  # whether there is a leader in the own lane
+    leader_gap_m: Value  # gap to it less the jam gap; inf where there is none
     leader_speed_mps: Value
-    leader_acceleration_mps2: Value
-    leader_max_speed_mps: Value
+    leader_acceleration_mps2: Value  # its last acceleration
+    leader_max_speed_mps: Value  # speed that it wants
     leader_class: Int[Array, " vehicle"]
-    need: RouteNeed
+    need: RouteNeed  # what the route demands in the own row
 
 
 class Following(eqx.Module):
-    """The car-following side that lane changing asks: own model, and the models of neighbours by class.
+    """The car-following side that lane changing asks: own model, and the models of neighbours by class."""
 
-    Attributes:
-        own: models of the vehicles themselves.
-        lengths_m: length of each class.
-        jam_gap_m: own jam gap.
-        time_gap_s: own time gap.
-        max_acceleration_mps2: own bound.
-        max_deceleration_mps2: own deceleration.
-    """
-
-    own: CarFollowingMix
-    lengths_m: tuple[Float[Array, ""], ...]
-    jam_gap_m: Value
-    time_gap_s: Value
-    max_acceleration_mps2: Value
-    max_deceleration_mps2: Value
+    own: CarFollowingMix  # models of the vehicles themselves
+    lengths_m: tuple[Float[Array, ""], ...]  # length of each class
+    jam_gap_m: Value  # own jam gap
+    time_gap_s: Value  # own time gap
+    max_acceleration_mps2: Value  # own bound
+    max_deceleration_mps2: Value  # own deceleration
 
     def of(self, vehicle_class: Int[Array, " vehicle"]) -> CarFollowingMix:
         """Return the models of neighbours."""

@@ -15,35 +15,21 @@ Flag = Bool[Array, " vehicle"]
 
 
 class LaneBeside(eqx.Module):
-    """A lane beside each vehicle.
+    """A lane beside each vehicle."""
 
-    Attributes:
-        is_open: whether there is one.
-        row: its row; any valid row where there is none.
-        entry_ahead: entry ahead in that row.
-        need: what the route demands there.
-        leads_elsewhere: whether it goes on to another road than the route's.
-    """
-
-    is_open: Flag
-    row: Int[Array, " vehicle"]
-    entry_ahead: Int[Array, " vehicle"]
-    need: RouteNeed
-    leads_elsewhere: Flag
+    is_open: Flag  # whether there is one
+    row: Int[Array, " vehicle"]  # its row; any valid row where there is none
+    entry_ahead: Int[Array, " vehicle"]  # entry ahead in that row
+    need: RouteNeed  # what the route demands there
+    leads_elsewhere: Flag  # whether it goes on to another road than the route's
 
 
 class Lanes(eqx.Module):
-    """The lanes of each vehicle.
+    """The lanes of each vehicle."""
 
-    Attributes:
-        need: what the route demands in its own lane.
-        right: the lane on the right.
-        left: the lane on the left.
-    """
-
-    need: RouteNeed
-    right: LaneBeside
-    left: LaneBeside
+    need: RouteNeed  # what the route demands in its own lane
+    right: LaneBeside  # the lane on the right
+    left: LaneBeside  # the lane on the left
 
 
 def lanes_of(on_road: VehiclesOnRoad, following: Following) -> Lanes:

@@ -24,29 +24,17 @@ Value = Float[Array, " vehicle"]
 
 
 class Lc2013(LaneChangeModel):
-    """Parameters of LC2013; the names are those of SUMO's attributes without the prefix "lc".
+    """Parameters of LC2013; the names are those of SUMO's attributes without the prefix "lc"."""
 
-    Attributes:
-        strategic: eagerness to change for the route; scales the distance at which it becomes urgent.
-        cooperative: readiness to change lane for somebody else, 0 to 1.
-        cooperative_speed: readiness to adapt the speed for somebody else, 0 to 1.
-        speed_gain: eagerness to change for speed.
-        speed_gain_right: the same to the right, relative to the left.
-        speed_gain_remain_time_s: shortest time for which a lane must be of use to be taken for speed.
-        keep_right: eagerness to go back to the right.
-        assertive: required gaps are divided by this.
-        look_ahead_left: factor on the strategic distance to the left.
-    """
-
-    strategic: Float[Array, "..."]
-    cooperative: Float[Array, "..."]
-    cooperative_speed: Float[Array, "..."]
-    speed_gain: Float[Array, "..."]
-    speed_gain_right: Float[Array, "..."]
-    speed_gain_remain_time_s: Float[Array, "..."]
-    keep_right: Float[Array, "..."]
-    assertive: Float[Array, "..."]
-    look_ahead_left: Float[Array, "..."]
+    strategic: Float[Array, "..."]  # eagerness to change for the route; scales the distance at which it becomes urgent
+    cooperative: Float[Array, "..."]  # readiness to change lane for somebody else, 0 to 1
+    cooperative_speed: Float[Array, "..."]  # readiness to adapt the speed for somebody else, 0 to 1
+    speed_gain: Float[Array, "..."]  # eagerness to change for speed
+    speed_gain_right: Float[Array, "..."]  # the same to the right, relative to the left
+    speed_gain_remain_time_s: Float[Array, "..."]  # shortest time for which a lane must be of use to be taken for speed
+    keep_right: Float[Array, "..."]  # eagerness to go back to the right
+    assertive: Float[Array, "..."]  # required gaps are divided by this
+    look_ahead_left: Float[Array, "..."]  # factor on the strategic distance to the left
 
     def route_parameters(self) -> "Lc2013":
         """Return the record itself."""
@@ -72,14 +60,8 @@ def route_only(
 
 
 class Memory(eqx.Module):
-    """LC2013's memories of its free motives.
+    """LC2013's memories of its free motives."""
 
-    Attributes:
-        gain_left: gain in speed that the left lane promises, integrated over time.
-        gain_right: the same for the right lane.
-        keep_right: obligation to keep right, integrated over time; <= 0.
-    """
-
-    gain_left: Value
-    gain_right: Value
-    keep_right: Value
+    gain_left: Value  # gain in speed that the left lane promises, integrated over time
+    gain_right: Value  # the same for the right lane
+    keep_right: Value  # obligation to keep right, integrated over time; <= 0

@@ -34,17 +34,11 @@ NO_LEADER = 0  # entry: the head of the first row
 
 
 class ChangeTiming(eqx.Module):
-    """When things happen in a change, in decisions since it began; choices of the trace.
+    """When things happen in a change, in decisions since it began; choices of the trace."""
 
-    Attributes:
-        switches: the vehicle belongs to the new lane.
-        leaves: its body has left the old lane.
-        ends: it may decide again.
-    """
-
-    switches: int = eqx.field(static=True)
-    leaves: int = eqx.field(static=True)
-    ends: int = eqx.field(static=True)
+    switches: int = eqx.field(static=True)  # the vehicle belongs to the new lane
+    leaves: int = eqx.field(static=True)  # its body has left the old lane
+    ends: int = eqx.field(static=True)  # it may decide again
 
 
 def change_timing(duration_s: float, step_s: float, interval_s: float) -> ChangeTiming | None:

@@ -45,27 +45,17 @@ CONGESTED_BELOW_MPS = 60.0 / 3.6  # v_crit
 
 
 class Mobil(FreeModel):
-    """Parameters of MOBIL.
+    """Parameters of MOBIL."""
 
-    Attributes:
-        politeness: p, weight of what others gain or lose.
-        safe_deceleration_mps2: b_safe, hardest braking that the new follower may be forced to; a positive number.
-        changing_threshold_mps2: a_th, least gain for which a change is worth it.
-        keep_right_bias_mps2: a_bias, in favour of the right lane.
-        european_rule: 0 where lanes are alike, 1 where the left lane is for passing only.
-        strategic: as in `Lc2013`.
-        assertive: as in `Lc2013`.
-        look_ahead_left: as in `Lc2013`.
-    """
-
-    politeness: Float[Array, "..."]
+    politeness: Float[Array, "..."]  # p, weight of what others gain or lose
+    # b_safe, hardest braking that the new follower may be forced to; a positive number
     safe_deceleration_mps2: Float[Array, "..."]
-    changing_threshold_mps2: Float[Array, "..."]
-    keep_right_bias_mps2: Float[Array, "..."]
-    european_rule: Float[Array, "..."]
-    strategic: Float[Array, "..."]
-    assertive: Float[Array, "..."]
-    look_ahead_left: Float[Array, "..."]
+    changing_threshold_mps2: Float[Array, "..."]  # a_th, least gain for which a change is worth it
+    keep_right_bias_mps2: Float[Array, "..."]  # a_bias, in favour of the right lane
+    european_rule: Float[Array, "..."]  # 0 where lanes are alike, 1 where the left lane is for passing only
+    strategic: Float[Array, "..."]  # as in `Lc2013`
+    assertive: Float[Array, "..."]  # as in `Lc2013`
+    look_ahead_left: Float[Array, "..."]  # as in `Lc2013`
 
     def route_parameters(self) -> Lc2013:
         """Return the parameters for route and gaps as a record of LC2013."""
@@ -85,19 +75,12 @@ class Mobil(FreeModel):
 
 
 class Appraisal(eqx.Module):
-    """What MOBIL makes of one side.
+    """What MOBIL makes of one side."""
 
-    Attributes:
-        incentive_mps2: left side of (3), or of (5) or (6).
-        excess_mps2: incentive less the threshold of that side.
-        bias_mps2: what the bias for the right has added to the excess.
-        is_safe: whether the new follower need not brake harder than is safe, (2).
-    """
-
-    incentive_mps2: Value
-    excess_mps2: Value
-    bias_mps2: Value
-    is_safe: Flag
+    incentive_mps2: Value  # left side of (3), or of (5) or (6)
+    excess_mps2: Value  # incentive less the threshold of that side
+    bias_mps2: Value  # what the bias for the right has added to the excess
+    is_safe: Flag  # whether the new follower need not brake harder than is safe, (2)
 
     @property
     def wants(self) -> Flag:

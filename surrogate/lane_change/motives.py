@@ -25,25 +25,15 @@ CHANGE_THRESHOLD = 0.2
 
 
 class Wish(eqx.Module):
-    """What LC2013 makes of one side.
+    """What LC2013 makes of one side."""
 
-    Attributes:
-        change: whether the vehicle wants to change.
-        urgent: whether it must, for its route or for somebody else's.
-        reason: `Reason` of the wish.
-        gain: updated memory of the gain on this side.
-        keep_right: updated memory.
-        advice_mps2: acceleration that the vehicle advises itself; inf where none.
-        reverts: whether it would go back in the next step, long before the next decision.
-    """
-
-    change: Flag
-    urgent: Flag
-    reason: Int[Array, " vehicle"]
-    gain: Value
-    keep_right: Value
-    advice_mps2: Value
-    reverts: Flag
+    change: Flag  # whether the vehicle wants to change
+    urgent: Flag  # whether it must, for its route or for somebody else's
+    reason: Int[Array, " vehicle"]  # `Reason` of the wish
+    gain: Value  # updated memory of the gain on this side
+    keep_right: Value  # updated memory
+    advice_mps2: Value  # acceleration that the vehicle advises itself; inf where none
+    reverts: Flag  # whether it would go back in the next step, long before the next decision
 
 
 def wish(
@@ -156,19 +146,12 @@ def _lane_speeds_mps(ego: Ego, side: Side, following: Following, step_s: float) 
 
 
 class _Held(eqx.Module):
-    """What a slower leader on the left makes of a driver.
+    """What a slower leader on the left makes of a driver."""
 
-    Attributes:
-        advice_mps2: acceleration that stays behind him; inf where none is asked.
-        cap_mps: highest speed in the own lane.
-        gain: memory of the gain on the left.
-        is_nudged: whether he makes the driver wish to go left.
-    """
-
-    advice_mps2: Value
-    cap_mps: Value
-    gain: Value
-    is_nudged: Flag
+    advice_mps2: Value  # acceleration that stays behind him; inf where none is asked
+    cap_mps: Value  # highest speed in the own lane
+    gain: Value  # memory of the gain on the left
+    is_nudged: Flag  # whether he makes the driver wish to go left
 
 
 def _behind_slower_leader(
@@ -227,23 +210,14 @@ def anticipated_speed_mps(
 
 
 class _SlowerLeader(eqx.Module):
-    """A slower leader on the left, whom one should not overtake on the right.
+    """A slower leader on the left, whom one should not overtake on the right."""
 
-    Attributes:
-        applies: whether there is one.
-        advises: whether there is one, or will be one before the next decision.
-        safe_speed_mps: speed that stays behind him.
-        advice_mps2: acceleration until the next decision that stays behind him.
-        share: share of the time for which he makes the driver wish to go left, because braking is near.
-        relative_gain: gain that the driver then counts, per second.
-    """
-
-    applies: Flag
-    advises: Flag
-    safe_speed_mps: Value
-    advice_mps2: Value
-    share: Value
-    relative_gain: Value
+    applies: Flag  # whether there is one
+    advises: Flag  # whether there is one, or will be one before the next decision
+    safe_speed_mps: Value  # speed that stays behind him
+    advice_mps2: Value  # acceleration until the next decision that stays behind him
+    share: Value  # share of the time for which he makes the driver wish to go left, because braking is near
+    relative_gain: Value  # gain that the driver then counts, per second
 
 
 def _slower_leader_on_the_left(

@@ -31,55 +31,32 @@ URGENT_TILE = 32  # of them at a time: of 8 runs with 1,100 vehicles each on ten
 
 
 class Duty(eqx.Module):
-    """Who must change lane for his route.
+    """Who must change lane for his route."""
 
-    Attributes:
-        lanes: the lanes of everybody.
-        must_right: whether the route needs a change to the right.
-        must_left: whether it needs one to the left.
-    """
-
-    lanes: Lanes
-    must_right: Flag
-    must_left: Flag
+    lanes: Lanes  # the lanes of everybody
+    must_right: Flag  # whether the route needs a change to the right
+    must_left: Flag  # whether it needs one to the left
 
 
 class Asked(eqx.Module):
-    """What the vehicles that must change have asked for.
+    """What the vehicles that must change have asked for."""
 
-    Attributes:
-        own_advice_mps2: acceleration that such a vehicle asks of itself; inf where none.
-        asked_advice_mps2: lowest acceleration asked of each vehicle by others; inf where none.
-        help_right: vehicles asked to make room by one who must change to the right.
-        help_left: the same to the left.
-    """
-
-    own_advice_mps2: Value
-    asked_advice_mps2: Value
-    help_right: Flag
-    help_left: Flag
+    own_advice_mps2: Value  # acceleration that such a vehicle asks of itself; inf where none
+    asked_advice_mps2: Value  # lowest acceleration asked of each vehicle by others; inf where none
+    help_right: Flag  # vehicles asked to make room by one who must change to the right
+    help_left: Flag  # the same to the left
 
 
 class _Asking(eqx.Module):
-    """What each of those who must change asks, of himself and of his neighbours in that lane.
+    """What each of those who must change asks, of himself and of his neighbours in that lane."""
 
-    Attributes:
-        own_advice_mps2: acceleration for himself; inf where none.
-        leader: entry of the leader.
-        leader_advice_mps2: acceleration for him; inf where none.
-        follower: entry of the follower.
-        follower_advice_mps2: acceleration for him; inf where none.
-        asks_follower: whether he is asked to make room.
-        is_right: whether the lane is on the right.
-    """
-
-    own_advice_mps2: Value
-    leader: Int[Array, " vehicle"]
-    leader_advice_mps2: Value
-    follower: Int[Array, " vehicle"]
-    follower_advice_mps2: Value
-    asks_follower: Flag
-    is_right: Flag
+    own_advice_mps2: Value  # acceleration for himself; inf where none
+    leader: Int[Array, " vehicle"]  # entry of the leader
+    leader_advice_mps2: Value  # acceleration for him; inf where none
+    follower: Int[Array, " vehicle"]  # entry of the follower
+    follower_advice_mps2: Value  # acceleration for him; inf where none
+    asks_follower: Flag  # whether he is asked to make room
+    is_right: Flag  # whether the lane is on the right
 
 
 def negotiate(

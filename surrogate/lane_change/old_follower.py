@@ -13,22 +13,13 @@ Flag = Bool[Array, " vehicle"]
 
 
 class OldFollower(eqx.Module):
-    """Who follows each vehicle in its own lane.
+    """Who follows each vehicle in its own lane."""
 
-    Attributes:
-        exists: whether there is one.
-        gap_m: its gap to the vehicle less its own jam gap; inf where there is none.
-        speed_mps: its speed.
-        acceleration_mps2: its last acceleration.
-        max_speed_mps: speed that it wants.
-        vehicle_class: its class.
-    """
-
-    exists: Flag
-    gap_m: Value
+    exists: Flag  # whether there is one
+    gap_m: Value  # its gap to the vehicle less its own jam gap; inf where there is none
     speed_mps: Value
-    acceleration_mps2: Value
-    max_speed_mps: Value
+    acceleration_mps2: Value  # its last acceleration
+    max_speed_mps: Value  # speed that it wants
     vehicle_class: Int[Array, " vehicle"]
 
 

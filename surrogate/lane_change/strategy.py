@@ -17,23 +17,14 @@ TURN_LANE_DISTANCE_M = 200.0
 
 
 class Strategy(eqx.Module):
-    """What the route says of changing to one side.
+    """What the route says of changing to one side."""
 
-    Attributes:
-        must_change: the route needs it, and soon.
-        must_stay: it would lead away from the route with too little room to come back.
-        to_best: it leads towards the lane that the route needs, or both lanes serve the route.
-        serves_route: it leads towards that lane, which is not the present one.
-        num_lanes_back: lane changes to the best lane from here, with sign.
-        look_ahead_m: distance within which the route's needs count.
-    """
-
-    must_change: Flag
-    must_stay: Flag
-    to_best: Flag
-    serves_route: Flag
-    num_lanes_back: Int[Array, " vehicle"]
-    look_ahead_m: Value
+    must_change: Flag  # the route needs it, and soon
+    must_stay: Flag  # it would lead away from the route with too little room to come back
+    to_best: Flag  # it leads towards the lane that the route needs, or both lanes serve the route
+    serves_route: Flag  # it leads towards that lane, which is not the present one
+    num_lanes_back: Int[Array, " vehicle"]  # lane changes to the best lane from here, with sign
+    look_ahead_m: Value  # distance within which the route's needs count
 
 
 def decayed_look_ahead_speed_mps(ego: Ego, look_ahead_speed_mps: Value, interval_s: float) -> Value:

@@ -41,17 +41,11 @@ def desired_speed_mps(vehicles: VehicleArrays, classes: tuple[VehicleClass, ...]
 
 
 class Wanted(eqx.Module):
-    """Speeds that vehicles want where they are.
+    """Speeds that vehicles want where they are."""
 
-    Attributes:
-        own_mps: of those asked about.
-        leader_mps: of the leader of each of those.
-        everybodys_mps: of all.
-    """
-
-    own_mps: Value
-    leader_mps: Value
-    everybodys_mps: Float[Array, " everybody"]
+    own_mps: Value  # of those asked about
+    leader_mps: Value  # of the leader of each of those
+    everybodys_mps: Float[Array, " everybody"]  # of all
 
     @classmethod
     def of(cls, desired_mps: Value) -> "Wanted":

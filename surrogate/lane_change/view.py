@@ -22,25 +22,15 @@ Flag = Bool[Array, " vehicle"]
 
 
 class View(eqx.Module):
-    """What vehicles see before they decide.
+    """What vehicles see before they decide."""
 
-    Attributes:
-        ego: each vehicle and its own lane.
-        right: the lane on its right.
-        left: the lane on its left.
-        after_right: look-ahead speed once the right side has been looked at.
-        after_left: look-ahead speed once both have.
-        route_right: what the route says of the right side.
-        route_left: what it says of the left side.
-    """
-
-    ego: Ego
-    right: Side
-    left: Side
-    after_right: Value
-    after_left: Value
-    route_right: Strategy
-    route_left: Strategy
+    ego: Ego  # each vehicle and its own lane
+    right: Side  # the lane on its right
+    left: Side  # the lane on its left
+    after_right: Value  # look-ahead speed once the right side has been looked at
+    after_left: Value  # look-ahead speed once both have
+    route_right: Strategy  # what the route says of the right side
+    route_left: Strategy  # what it says of the left side
 
 
 def look_around(
@@ -84,17 +74,11 @@ def look_around(
 
 
 class Judgement(eqx.Module):
-    """Who is in the way on each side, by each vehicle's own model.
+    """Who is in the way on each side, by each vehicle's own model."""
 
-    Attributes:
-        gaps: to the right and to the left.
-        others: models other than LC2013 that occur, and whose they are.
-        outlook: what these are told; None if there are none.
-    """
-
-    gaps: tuple[Blocked, Blocked]
-    others: list[tuple[FreeModel, Flag]]
-    outlook: Outlook | None
+    gaps: tuple[Blocked, Blocked]  # to the right and to the left
+    others: list[tuple[FreeModel, Flag]]  # models other than LC2013 that occur, and whose they are
+    outlook: Outlook | None  # what these are told; None if there are none
 
 
 def judge_gaps(

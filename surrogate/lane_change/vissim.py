@@ -44,35 +44,22 @@ FOREVER_S = 1e4
 
 
 class Vissim(FreeModel):
-    """VISSIM's parameters of lane changing; decelerations are positive numbers.
+    """VISSIM's parameters of lane changing; decelerations are positive numbers."""
 
-    Attributes:
-        safety_distance_factor: SafDistFactLnChg, share of the desired safety distance that suffices for a change.
-        min_clearance_m: MinClear (MinHdwy), least gap.
-        max_deceleration_own_mps2: MaxDecelOwn, accepted at the last place to change.
-        max_deceleration_trailing_mps2: MaxDecelTrail, the same for the new follower.
-        accepted_deceleration_own_mps2: AccDecelOwn, accepted far from it.
-        accepted_deceleration_trailing_mps2: AccDecelTrail, the same for the new follower.
-        deceleration_reduction_distance_m: DecelRedDist, distance over which 1 m/s^2 less is accepted.
-        cooperative_deceleration_mps2: CoopDecel, hardest braking for somebody who must change.
-        cooperative_speed_difference_mps: CoopLnChgSpeedDiff, speed that a driver gives up to make room.
-        collision_time_s: CollTm, time to a slower leader for which a lane is as good as free.
-        strategic: as in `Lc2013`.
-        look_ahead_left: as in `Lc2013`.
-    """
-
+    # SafDistFactLnChg, share of the desired safety distance that suffices for a change
     safety_distance_factor: Float[Array, "..."]
-    min_clearance_m: Float[Array, "..."]
-    max_deceleration_own_mps2: Float[Array, "..."]
-    max_deceleration_trailing_mps2: Float[Array, "..."]
-    accepted_deceleration_own_mps2: Float[Array, "..."]
-    accepted_deceleration_trailing_mps2: Float[Array, "..."]
-    deceleration_reduction_distance_m: Float[Array, "..."]
-    cooperative_deceleration_mps2: Float[Array, "..."]
+    min_clearance_m: Float[Array, "..."]  # MinClear (MinHdwy), least gap
+    max_deceleration_own_mps2: Float[Array, "..."]  # MaxDecelOwn, accepted at the last place to change
+    max_deceleration_trailing_mps2: Float[Array, "..."]  # MaxDecelTrail, the same for the new follower
+    accepted_deceleration_own_mps2: Float[Array, "..."]  # AccDecelOwn, accepted far from it
+    accepted_deceleration_trailing_mps2: Float[Array, "..."]  # AccDecelTrail, the same for the new follower
+    deceleration_reduction_distance_m: Float[Array, "..."]  # DecelRedDist, distance over which 1 m/s^2 less is accepted
+    cooperative_deceleration_mps2: Float[Array, "..."]  # CoopDecel, hardest braking for somebody who must change
+    # CoopLnChgSpeedDiff, speed that a driver gives up to make room
     cooperative_speed_difference_mps: Float[Array, "..."]
-    collision_time_s: Float[Array, "..."]
-    strategic: Float[Array, "..."]
-    look_ahead_left: Float[Array, "..."]
+    collision_time_s: Float[Array, "..."]  # CollTm, time to a slower leader for which a lane is as good as free
+    strategic: Float[Array, "..."]  # as in `Lc2013`
+    look_ahead_left: Float[Array, "..."]  # as in `Lc2013`
 
     def route_parameters(self) -> Lc2013:
         """Return the parameters for the route as a record of LC2013."""

@@ -18,23 +18,14 @@ from surrogate.xla.gather import take
 
 
 class LoggedMotion(eqx.Module):
-    """Logged drives, one sample for each step of the simulation from its beginning on.
+    """Logged drives, one sample for each step of the simulation from its beginning on."""
 
-    Attributes:
-        position_m: front bumper along the route.
-        speed_mps: speed.
-        row: row of the road at the next frame.
-        first_step: step at whose beginning the log begins.
-        num_steps: number of samples; later ones are filled up.
-        log: which of the drives this run repeats.
-    """
-
-    position_m: Float[Array, "drive step"]
+    position_m: Float[Array, "drive step"]  # front bumper along the route
     speed_mps: Float[Array, "drive step"]
-    row: Int[Array, "drive step"]
-    first_step: Int[Array, " drive"]
-    num_steps: Int[Array, " drive"]
-    log: Int[Array, ""]
+    row: Int[Array, "drive step"]  # row of the road at the next frame
+    first_step: Int[Array, " drive"]  # step at whose beginning the log begins
+    num_steps: Int[Array, " drive"]  # number of samples; later ones are filled up
+    log: Int[Array, ""]  # which of the drives this run repeats
 
     def at(self, step: Int[Array, ""]) -> tuple[Float[Array, ""], Float[Array, ""], Int[Array, ""]]:
         """Return position, speed and row at the beginning of a step."""

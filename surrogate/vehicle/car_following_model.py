@@ -19,25 +19,15 @@ HALVINGS = 12
 
 
 class FollowingSituation(eqx.Module):
-    """What a driver reacts to.
+    """What a driver reacts to."""
 
-    Attributes:
-        speed_mps: own speed >= 0.
-        gap_m: leader's rear bumper minus own front bumper; inf means no leader.
-        leader_speed_mps: the leader's speed; any finite number where there is no leader.
-        leader_acceleration_mps2: the leader's acceleration in the last step.
-        acceleration_mps2: own acceleration in the last step.
-        desired_speed_mps: speed > 0 wanted on this lane.
-        uniform: random number in (0, 1) for models that need one.
-    """
-
-    speed_mps: Value
-    gap_m: Value
-    leader_speed_mps: Value
-    leader_acceleration_mps2: Value
-    acceleration_mps2: Value
-    desired_speed_mps: Value
-    uniform: Value
+    speed_mps: Value  # own speed >= 0
+    gap_m: Value  # leader's rear bumper minus own front bumper; inf means no leader
+    leader_speed_mps: Value  # the leader's speed; any finite number where there is no leader
+    leader_acceleration_mps2: Value  # the leader's acceleration in the last step
+    acceleration_mps2: Value  # own acceleration in the last step
+    desired_speed_mps: Value  # speed > 0 wanted on this lane
+    uniform: Value  # random number in (0, 1) for models that need one
 
 
 class CarFollowingModel(eqx.Module):

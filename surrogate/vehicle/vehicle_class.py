@@ -22,23 +22,14 @@ DESIRED_SPEED = (
 
 
 class VehicleClass(eqx.Module):
-    """One vType. Every number is a leaf, so that hundreds of parameter sets run under one `vmap`.
+    """One vType. Every number is a leaf, so that hundreds of parameter sets run under one `vmap`."""
 
-    Attributes:
-        car_following: model and parameters.
-        lane_change: model and parameters.
-        length_m: length of the vehicle.
-        max_speed_mps: highest speed, whatever the limit.
-        speed_factor_mean: mean of desired speed over limit.
-        speed_factor_deviation: standard deviation of it between drivers.
-    """
-
-    car_following: CarFollowingModel
-    lane_change: LaneChangeModel
-    length_m: Value
-    max_speed_mps: Value
-    speed_factor_mean: Value
-    speed_factor_deviation: Value
+    car_following: CarFollowingModel  # model and parameters
+    lane_change: LaneChangeModel  # model and parameters
+    length_m: Value  # length of the vehicle
+    max_speed_mps: Value  # highest speed, whatever the limit
+    speed_factor_mean: Value  # mean of desired speed over limit
+    speed_factor_deviation: Value  # standard deviation of it between drivers
 
 
 def select_by_class(values: Sequence[Shaped[Array, "..."]], vehicle_class: Int[Array, "..."]) -> Shaped[Array, "..."]:
@@ -61,16 +52,11 @@ class CarFollowingMix(eqx.Module):
     """The car-following models of an array of vehicles that may belong to different classes.
 
     Each kind of model that occurs is computed once for the whole array; a vehicle takes the result of its own.
-
-    Attributes:
-        models: model of each class.
-        vehicle_class: class of each vehicle.
-        habits: how each driver differs from his class; None where none does.
     """
 
-    models: tuple[CarFollowingModel, ...]
-    vehicle_class: Int[Array, "..."]
-    habits: Habits | None = None
+    models: tuple[CarFollowingModel, ...]  # model of each class
+    vehicle_class: Int[Array, "..."]  # class of each vehicle
+    habits: Habits | None = None  # how each driver differs from his class; None where none does
 
     def field(self, name: str) -> Value:
         """Return a field that all models have, e.g. `jam_gap_m`."""

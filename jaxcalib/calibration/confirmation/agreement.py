@@ -16,21 +16,13 @@ LEAST_SHARE = 0.9  # of the sections
 
 @dataclass(frozen=True)
 class SectionSpeed:
-    """Mean speed of the vehicles that the subject vehicle sees in one section, in both simulators.
+    """Mean speed of the vehicles that the subject vehicle sees in one section, in both simulators."""
 
-    Attributes:
-        begin_m: where the section begins.
-        end_m: where it ends.
-        surrogate_mps: in the surrogate; nan where it saw nobody.
-        sumo_mps: in SUMO.
-        sumo_error_mps: its standard error over runs (jackknife).
-    """
-
-    begin_m: float
-    end_m: float
-    surrogate_mps: float
-    sumo_mps: float
-    sumo_error_mps: float
+    begin_m: float  # where the section begins
+    end_m: float  # where it ends
+    surrogate_mps: float  # in the surrogate; nan where it saw nobody
+    sumo_mps: float  # in SUMO
+    sumo_error_mps: float  # its standard error over runs (jackknife)
 
     @property
     def is_alike(self) -> bool:
@@ -41,15 +33,10 @@ class SectionSpeed:
 
 @dataclass(frozen=True)
 class Agreement:
-    """Surrogate against SUMO at one point.
+    """Surrogate against SUMO at one point."""
 
-    Attributes:
-        where: which point.
-        sections: those that SUMO's runs saw.
-    """
-
-    where: str
-    sections: tuple[SectionSpeed, ...]
+    where: str  # which point
+    sections: tuple[SectionSpeed, ...]  # those that SUMO's runs saw
 
     @property
     def share_alike(self) -> float:

@@ -27,46 +27,27 @@ SAME_POINT = 0.01  # of the unit range; closer points are one point to drivers
 
 @dataclass(frozen=True)
 class Finalist:
-    """A candidate that SUMO has run.
+    """A candidate that SUMO has run."""
 
-    Attributes:
-        unit: in the unit cube.
-        accuracy: in SUMO.
-        surrogate_accuracy: in the surrogate, as the search saw it, corrected by what was known before.
-        origin: where it comes from.
-    """
-
-    unit: Float[np.ndarray, " parameter"]
-    accuracy: float
-    surrogate_accuracy: float
-    origin: str
+    unit: Float[np.ndarray, " parameter"]  # in the unit cube
+    accuracy: float  # in SUMO
+    surrogate_accuracy: float  # in the surrogate, as the search saw it, corrected by what was known before
+    origin: str  # where it comes from
 
 
 @dataclass(frozen=True)
 class Confirmation:
-    """What SUMO made of the finalists.
+    """What SUMO made of the finalists."""
 
-    Attributes:
-        finalists: in the order in which they were run.
-        winner: place of the best in SUMO.
-        agrees: whether the best in the surrogate, corrected, is the best in SUMO.
-        discrepancy: learnt from all finalists.
-        objective: the objective, corrected by it.
-        confirmed: what both simulators showed of each finalist.
-        polishes: what each corrected search reported.
-        outcomes: all drives of the finalists in SUMO.
-        num_drives_each: drives of one finalist in SUMO.
-    """
-
-    finalists: tuple[Finalist, ...]
-    winner: int
-    agrees: bool
-    discrepancy: LearntDiscrepancy
-    objective: Objective
-    confirmed: tuple[Confirmed, ...]
-    polishes: tuple[Optimisation, ...]
-    outcomes: tuple[RunOutcome, ...]
-    num_drives_each: int
+    finalists: tuple[Finalist, ...]  # in the order in which they were run
+    winner: int  # place of the best in SUMO
+    agrees: bool  # whether the best in the surrogate, corrected, is the best in SUMO
+    discrepancy: LearntDiscrepancy  # learnt from all finalists
+    objective: Objective  # the objective, corrected by it
+    confirmed: tuple[Confirmed, ...]  # what both simulators showed of each finalist
+    polishes: tuple[Optimisation, ...]  # what each corrected search reported
+    outcomes: tuple[RunOutcome, ...]  # all drives of the finalists in SUMO
+    num_drives_each: int  # drives of one finalist in SUMO
 
     def tallies_of(self, place: int) -> Float[np.ndarray, "run tally"]:
         """Return the tallies of a finalist's successful drives in SUMO."""

@@ -18,21 +18,13 @@ AMPLITUDE_BOUNDS = (1e-3, 1e2)  # variance of the discrepancy in units of the fi
 
 @dataclass(frozen=True)
 class Confirmed:
-    """One candidate in both simulators, on the same drives.
+    """One candidate in both simulators, on the same drives."""
 
-    Attributes:
-        unit: in the unit cube.
-        surrogate: pooled tallies.
-        surrogate_runs: runs behind them.
-        sumo: pooled tallies.
-        sumo_runs: independent runs that tell as much as those behind them.
-    """
-
-    unit: Float[np.ndarray, " parameter"]
-    surrogate: Float[np.ndarray, " tally"]
-    surrogate_runs: int
-    sumo: Float[np.ndarray, " tally"]
-    sumo_runs: float
+    unit: Float[np.ndarray, " parameter"]  # in the unit cube
+    surrogate: Float[np.ndarray, " tally"]  # pooled tallies
+    surrogate_runs: int  # runs behind them
+    sumo: Float[np.ndarray, " tally"]  # pooled tallies
+    sumo_runs: float  # independent runs that tell as much as those behind them
 
 
 @dataclass(frozen=True)

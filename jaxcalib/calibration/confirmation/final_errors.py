@@ -26,17 +26,11 @@ from sim_adapters.interface import RunOutcome, RunRequest
 
 @dataclass(frozen=True)
 class FinalRuns:
-    """SUMO runs of one point on the drives of one role.
+    """SUMO runs of one point on the drives of one role."""
 
-    Attributes:
-        tally: tallies of the successful runs.
-        drive: which drive of the role each stands for.
-        outcomes: all runs.
-    """
-
-    tally: Float[np.ndarray, "run tally"]
-    drive: np.ndarray
-    outcomes: tuple[RunOutcome, ...]
+    tally: Float[np.ndarray, "run tally"]  # tallies of the successful runs
+    drive: np.ndarray  # which drive of the role each stands for
+    outcomes: tuple[RunOutcome, ...]  # all runs
 
 
 @dataclass(frozen=True)
@@ -49,25 +43,15 @@ class Change:
 
 @dataclass(frozen=True)
 class FinalErrors:
-    """Errors on the drives of one role.
+    """Errors on the drives of one role."""
 
-    Attributes:
-        num_drives: drives of the field.
-        pooled: errors of all runs pooled.
-        per_seed: mean over seeds of the errors of one run per drive.
-        samples: each error and Eq. 23 with drives and runs drawn again.
-        floor: mean errors of field-like sets of the same runs.
-        floor_vehicle_level: mean of Eq. 23 over those sets.
-        floor_high: 95 % quantile of each error and of Eq. 23 over them.
-    """
-
-    num_drives: int
-    pooled: Effectiveness
-    per_seed: dict[str, float | None]
-    samples: Samples
-    floor: dict[str, float | None]
-    floor_vehicle_level: float
-    floor_high: dict[str, float | None]
+    num_drives: int  # drives of the field
+    pooled: Effectiveness  # errors of all runs pooled
+    per_seed: dict[str, float | None]  # mean over seeds of the errors of one run per drive
+    samples: Samples  # each error and Eq. 23 with drives and runs drawn again.
+    floor: dict[str, float | None]  # mean errors of field-like sets of the same runs
+    floor_vehicle_level: float  # mean of Eq. 23 over those sets.
+    floor_high: dict[str, float | None]  # 95 % quantile of each error and of Eq. 23 over them.
 
     @property
     def interval(self) -> dict[str, tuple[float, float] | None]:

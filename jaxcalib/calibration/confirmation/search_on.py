@@ -21,17 +21,11 @@ SEARCHED_ON = "search in SUMO"
 
 @dataclass(frozen=True)
 class Evaluators:
-    """What runs candidates.
-
-    Attributes:
-        surrogate: the surrogate.
-        in_sumo: SUMO, on the seeds of the search.
-        confirming: SUMO, on seeds that no search has seen.
-    """
+    """What runs candidates."""
 
     surrogate: Evaluator
-    in_sumo: Evaluator
-    confirming: Evaluator
+    in_sumo: Evaluator  # SUMO, on the seeds of the search
+    confirming: Evaluator  # SUMO, on seeds that no search has seen
 
 
 def search_on_in_sumo(

@@ -14,19 +14,12 @@ FEWEST_POINTS = 3
 
 @dataclass(frozen=True)
 class Transfer:
-    """One measure in both simulators.
+    """One measure in both simulators."""
 
-    Attributes:
-        measure: its name.
-        bias: median of surrogate / SUMO - 1.
-        bias_in_noise: median difference in standard deviations of the field's drives.
-        rank_correlation: Spearman's, over candidates; None for fewer than three.
-    """
-
-    measure: str
-    bias: float | None
-    bias_in_noise: float
-    rank_correlation: float | None
+    measure: str  # its name
+    bias: float | None  # median of surrogate / SUMO - 1
+    bias_in_noise: float  # median difference in standard deviations of the field's drives
+    rank_correlation: float | None  # Spearman's, over candidates; None for fewer than three
 
 
 def transfer_of(

@@ -18,15 +18,10 @@ VEHICLE_LEVEL_SUM = "vehicle_level"  # of the first, Eq. 23
 
 @dataclass(frozen=True)
 class Effectiveness:
-    """Errors of a simulation against the field.
+    """Errors of a simulation against the field."""
 
-    Attributes:
-        errors: relative errors as fractions, by name; None where there is none.
-        notes: why there is none, by name.
-    """
-
-    errors: Mapping[str, float | None]
-    notes: Mapping[str, str]
+    errors: Mapping[str, float | None]  # relative errors as fractions, by name; None where there is none
+    notes: Mapping[str, str]  # why there is none, by name
 
     @property
     def vehicle_level(self) -> float:

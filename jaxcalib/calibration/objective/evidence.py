@@ -15,15 +15,10 @@ SCENARIO_ERROR = 0.25  # of the unit range
 
 @dataclass(frozen=True)
 class Evidence:
-    """Residuals that are linear in the parameters, each with a standard deviation of 1 at the true ones.
+    """Residuals that are linear in the parameters, each with a standard deviation of 1 at the true ones."""
 
-    Attributes:
-        unit: most probable values in the unit cube.
-        whitener: residuals per departure from them.
-    """
-
-    unit: Float[np.ndarray, " parameter"]
-    whitener: Float[np.ndarray, "known parameter"]
+    unit: Float[np.ndarray, " parameter"]  # most probable values in the unit cube
+    whitener: Float[np.ndarray, "known parameter"]  # residuals per departure from them
 
     def residuals(self, unit: Float[np.ndarray, "candidate parameter"]) -> Float[np.ndarray, "candidate known"]:
         """Return departures from the most probable values."""

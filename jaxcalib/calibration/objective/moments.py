@@ -16,24 +16,15 @@ FEWEST_EFFECTIVE_DRIVES = 3.5
 
 @dataclass(frozen=True)
 class Moments:
-    """Quotients of tallies, as one vector.
+    """Quotients of tallies, as one vector."""
 
-    Attributes:
-        names: names of the measures.
-        levels: what each describes.
-        numerator: place of each numerator among the tallies.
-        denominator: place of each denominator.
-        scale: factor of each.
-        drives: place of the number of drives among the tallies.
-        rates: names of those that are events over a distance: their events count, not the metres.
-    """
-
-    names: tuple[str, ...]
-    levels: tuple[Level, ...]
-    numerator: np.ndarray
-    denominator: np.ndarray
-    scale: np.ndarray
-    drives: int
+    names: tuple[str, ...]  # names of the measures
+    levels: tuple[Level, ...]  # what each describes
+    numerator: np.ndarray  # place of each numerator among the tallies
+    denominator: np.ndarray  # place of each denominator
+    scale: np.ndarray  # factor of each
+    drives: int  # place of the number of drives among the tallies
+    # names of those that are events over a distance: their events count, not the metres
     rates: frozenset[str] = frozenset()
 
     def values(self, tally: Float[np.ndarray, "... tally"]) -> Float[np.ndarray, "... moment"]:

@@ -34,26 +34,17 @@ class Objective:
     units of its own standard deviation over drives and seeds. So a misfit of 1 per moment is what the true parameters
     show. The paper's Eqs. 2 and 11 divide each error by the field's value instead, so that the noisiest measure rules;
     `is_relative` chooses them.
-
-    Attributes:
-        moments: what is matched.
-        field: their values in the field.
-        covariance: of the moments of one run.
-        num_drives: drives behind the field's values.
-        evidence: what is known of the parameters themselves; a measurement like the moments, and weighed like them.
-        discrepancy: correction of the simulator; None before it is known.
-        is_relative: whether residuals are relative errors, as in Eqs. 2 and 11, instead of whitened ones.
-        is_summed: whether relative errors are added up as printed, instead of averaged.
     """
 
-    moments: Moments
-    field: Float[np.ndarray, " moment"]
-    covariance: Float[np.ndarray, "moment moment"]
-    num_drives: int
+    moments: Moments  # what is matched
+    field: Float[np.ndarray, " moment"]  # their values in the field
+    covariance: Float[np.ndarray, "moment moment"]  # of the moments of one run
+    num_drives: int  # drives behind the field's values
+    # what is known of the parameters themselves; a measurement like the moments, and weighed like them
     evidence: Evidence
-    discrepancy: Discrepancy | None = None
-    is_relative: bool = False
-    is_summed: bool = False
+    discrepancy: Discrepancy | None = None  # correction of the simulator; None before it is known
+    is_relative: bool = False  # whether residuals are relative errors, as in Eqs. 2 and 11, instead of whitened ones.
+    is_summed: bool = False  # whether relative errors are added up as printed, instead of averaged
 
     def residuals(
         self,

@@ -10,49 +10,28 @@ DIGITS = 6
 
 
 class Interval(msgspec.Struct, frozen=True):
-    """An estimate with its bounds.
-
-    Attributes:
-        value: the value.
-        lower: lower bound of the 90 % interval; None where the data say nothing.
-        upper: upper bound.
-        at_bound: whether the value lies on a bound of its range.
-        scenario: what the scenario says.
-        initial: what the logs said before the search.
-        source: where the initial value comes from.
-        unit: SI unit; veh/h for inputs.
-    """
+    """An estimate with its bounds."""
 
     value: float
-    lower: float | None
-    upper: float | None
-    at_bound: bool
-    scenario: float
-    initial: float
-    source: str
-    unit: str
+    lower: float | None  # lower bound of the 90 % interval; None where the data say nothing
+    upper: float | None  # upper bound
+    at_bound: bool  # whether the value lies on a bound of its range
+    scenario: float  # what the scenario says
+    initial: float  # what the logs said before the search
+    source: str  # where the initial value comes from
+    unit: str  # SI unit; veh/h for inputs
 
 
 class SimulationHealth(msgspec.Struct, frozen=True):
-    """What went wrong in runs, counted.
-
-    Attributes:
-        runs: runs.
-        failed: runs that failed.
-        unfinished: drives of other runs that did not reach their destination before the end.
-        collisions: vehicle steps in a collision.
-        teleports: vehicles that SUMO removed.
-        subject_overlaps: steps in which a replayed subject vehicle overlaps another vehicle.
-        backlog_share: share of the demand that had not entered by the end.
-    """
+    """What went wrong in runs, counted."""
 
     runs: int
-    failed: int
-    unfinished: int
-    collisions: int
-    teleports: int
-    subject_overlaps: int
-    backlog_share: float
+    failed: int  # runs that failed
+    unfinished: int  # drives of other runs that did not reach their destination before the end
+    collisions: int  # vehicle steps in a collision
+    teleports: int  # vehicles that SUMO removed
+    subject_overlaps: int  # steps in which a replayed subject vehicle overlaps another vehicle
+    backlog_share: float  # share of the demand that had not entered by the end
 
 
 class CalibrationResult(msgspec.Struct, frozen=True):

@@ -29,37 +29,21 @@ QUICK = 0.5  # below it SUMO confirms one finalist only
 
 @dataclass(frozen=True)
 class Budget:
-    """Numbers of runs.
+    """Numbers of runs."""
 
-    Attributes:
-        runs_per_candidate: while screening and in the search of the critical parameters.
-        noise_runs: to estimate the noise of the measures where the search begins, and to compare its results.
-        covariance_runs: the same where driver behaviour is searched from, for the noise of all moments together.
-        polish_runs: per candidate of the joint polish.
-        num_evaluations: candidates of Stage 2's optimiser.
-        polish_iterations: of the joint polish.
-        confirmation_rounds: alternations of surrogate and SUMO.
-        confirmation_runs: SUMO runs per finalist and round.
-        final_runs: SUMO runs of the result, and of the scenario as it was, on held-out drives.
-        final_fit_runs: the same on the drives to fit.
-        num_search_runs: of the search, about, for the progress bar.
-        is_in_sumo: whether SUMO makes them.
-        scale: what the numbers were made for.
-    """
-
-    runs_per_candidate: int
-    noise_runs: int
-    covariance_runs: int
-    polish_runs: int
-    num_evaluations: int
-    polish_iterations: int
-    confirmation_rounds: int
-    confirmation_runs: int
-    final_runs: int
-    final_fit_runs: int
-    num_search_runs: int = 0
-    is_in_sumo: bool = False
-    scale: float = 1.0
+    runs_per_candidate: int  # while screening and in the search of the critical parameters
+    noise_runs: int  # to estimate the noise of the measures where the search begins, and to compare its results
+    covariance_runs: int  # the same where driver behaviour is searched from, for the noise of all moments together
+    polish_runs: int  # per candidate of the joint polish
+    num_evaluations: int  # candidates of Stage 2's optimiser
+    polish_iterations: int  # of the joint polish
+    confirmation_rounds: int  # alternations of surrogate and SUMO
+    confirmation_runs: int  # SUMO runs per finalist and round
+    final_runs: int  # SUMO runs of the result, and of the scenario as it was, on held-out drives
+    final_fit_runs: int  # the same on the drives to fit
+    num_search_runs: int = 0  # of the search, about, for the progress bar
+    is_in_sumo: bool = False  # whether SUMO makes them
+    scale: float = 1.0  # what the numbers were made for
 
     @property
     def num_surrogate_runs(self) -> int:

@@ -16,17 +16,12 @@ OnRuns = Callable[[int], None]
 
 @dataclass(frozen=True)
 class Evaluations:
-    """Runs of several candidates, the same drives and seeds for each.
+    """Runs of several candidates, the same drives and seeds for each."""
 
-    Attributes:
-        tally: tallies of each run, [candidate, run, tally]; nan where a run failed.
-        is_ok: whether a candidate may win.
-        outcomes: all runs in order.
-    """
-
+    # tallies of each run, [candidate, run, tally]; nan where a run failed
     tally: Float[np.ndarray, "candidate run tally"]
-    is_ok: Bool[np.ndarray, " candidate"]
-    outcomes: tuple[tuple[RunOutcome, ...], ...]
+    is_ok: Bool[np.ndarray, " candidate"]  # whether a candidate may win
+    outcomes: tuple[tuple[RunOutcome, ...], ...]  # all runs in order
 
     @property
     def pooled(self) -> Float[np.ndarray, "candidate tally"]:

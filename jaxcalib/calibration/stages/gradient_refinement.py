@@ -30,23 +30,14 @@ STEP_SIZE = 2e-3  # of the unit range
 
 @dataclass(frozen=True)
 class GradientRefinement:
-    """What gradients made of a point.
+    """What gradients made of a point."""
 
-    Attributes:
-        unit: the refined point.
-        names: parameters that the replay depends on.
-        is_usable: whether the derivative of each agrees with central differences.
-        disagreement: relative difference of the two derivatives.
-        before: misfit at the beginning.
-        after: misfit at the end.
-    """
-
-    unit: Float[np.ndarray, " parameter"]
-    names: tuple[str, ...]
-    is_usable: tuple[bool, ...]
-    disagreement: tuple[float, ...]
-    before: float
-    after: float
+    unit: Float[np.ndarray, " parameter"]  # the refined point
+    names: tuple[str, ...]  # parameters that the replay depends on
+    is_usable: tuple[bool, ...]  # whether the derivative of each agrees with central differences
+    disagreement: tuple[float, ...]  # relative difference of the two derivatives
+    before: float  # misfit at the beginning
+    after: float  # misfit at the end
 
 
 def refine(

@@ -22,19 +22,12 @@ STEP_FRACTIONS = (0.3, 0.6, 1.0)  # of a Gauss-Newton step
 
 @dataclass(frozen=True)
 class Optimisation:
-    """Result of a search.
+    """Result of a search."""
 
-    Attributes:
-        best: best point in the unit cube.
-        best_accuracy: its accuracy as the search saw it.
-        infos: what the optimiser said of each round.
-        rounds: all candidates.
-    """
-
-    best: Float[np.ndarray, " parameter"]
-    best_accuracy: float
-    infos: tuple[RoundInfo, ...]
-    rounds: tuple[Judged, ...]
+    best: Float[np.ndarray, " parameter"]  # best point in the unit cube
+    best_accuracy: float  # its accuracy as the search saw it
+    infos: tuple[RoundInfo, ...]  # what the optimiser said of each round
+    rounds: tuple[Judged, ...]  # all candidates
 
 
 def optimise(
@@ -135,17 +128,11 @@ def known_in(run: SearchRun, box: SearchBox, known: Sequence[Judged], num_runs: 
 
 @dataclass
 class _Course:
-    """What came of an optimiser's questions.
+    """What came of an optimiser's questions."""
 
-    Attributes:
-        infos: what it said of each round.
-        rounds: all candidates.
-        best_seen: best candidate as it was asked, in the box; None while all have failed.
-        best_accuracy: its accuracy.
-    """
-
-    infos: list[RoundInfo]
-    rounds: list[Judged]
+    infos: list[RoundInfo]  # what it said of each round
+    rounds: list[Judged]  # all candidates
+    # best candidate as it was asked, in the box; None while all have failed
     best_seen: Float[np.ndarray, " parameter"] | None = None
     best_accuracy: float = -np.inf
 

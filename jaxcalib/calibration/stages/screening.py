@@ -29,30 +29,19 @@ SHORTLIST_RUNS = 4  # times as many runs as for a case
 
 @dataclass(frozen=True)
 class Screening:
-    """What the cases of an orthogonal array showed.
+    """What the cases of an orthogonal array showed."""
 
-    Attributes:
-        box: what was searched.
-        array: the design.
-        soat: the search as Algorithm 1 reports it.
-        ranges: range analysis.
-        cases: all cases, the initial point last.
-        shortlist: the best cases, the initial point, the best level combination of the range analysis and the best
-            point of the response surface, run longer on other seeds.
-        best: unit-cube point of the best of the shortlist.
-        best_accuracy: its accuracy.
-        surface: response of the residuals in the box.
-    """
-
-    box: SearchBox
-    array: OrthogonalArray
-    soat: SoatInfo
+    box: SearchBox  # what was searched
+    array: OrthogonalArray  # the design
+    soat: SoatInfo  # the search as Algorithm 1 reports it
     ranges: RangeAnalysis
-    cases: Judged
+    cases: Judged  # all cases, the initial point last
+    # the best cases, the initial point, the best level combination of the range analysis and the best point of
+    # the response surface, run longer on other seeds
     shortlist: Judged
-    best: Float[np.ndarray, " parameter"]
+    best: Float[np.ndarray, " parameter"]  # unit-cube point of the best of the shortlist
     best_accuracy: float
-    surface: ResponseSurface
+    surface: ResponseSurface  # response of the residuals in the box
 
 
 def screen(

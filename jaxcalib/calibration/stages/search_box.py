@@ -15,19 +15,13 @@ INSIDE = 1e-6  # of the unit range: values are rounded
 
 @dataclass(frozen=True)
 class SearchBox:
-    """A box around a point.
+    """A box around a point."""
 
-    Attributes:
-        held: values of all parameters in the unit cube; those that are not searched keep them.
-        chosen: places of the parameters that are searched.
-        lower: their lower bounds in the unit cube.
-        upper: their upper bounds.
-    """
-
+    # values of all parameters in the unit cube; those that are not searched keep them
     held: Float[np.ndarray, " parameter"]
-    chosen: Int[np.ndarray, " chosen"]
-    lower: Float[np.ndarray, " chosen"]
-    upper: Float[np.ndarray, " chosen"]
+    chosen: Int[np.ndarray, " chosen"]  # places of the parameters that are searched
+    lower: Float[np.ndarray, " chosen"]  # their lower bounds in the unit cube
+    upper: Float[np.ndarray, " chosen"]  # their upper bounds
 
     @property
     def width(self) -> Float[np.ndarray, " chosen"]:

@@ -13,23 +13,14 @@ from jaxcalib.problem.parameter_space import ParameterSpace
 
 @dataclass(frozen=True)
 class Judged:
-    """Candidates and what became of them.
+    """Candidates and what became of them."""
 
-    Attributes:
-        unit: in the unit cube, as they were run (rounded values).
-        values: parameter values.
-        pooled: pooled tallies; nan if a candidate failed.
-        residuals: whitened residuals; nan if it failed.
-        accuracy: nan if it failed.
-        num_runs: runs behind each.
-    """
-
-    unit: Float[np.ndarray, "candidate parameter"]
+    unit: Float[np.ndarray, "candidate parameter"]  # in the unit cube, as they were run (rounded values)
     values: Float[np.ndarray, "candidate parameter"]
-    pooled: Float[np.ndarray, "candidate tally"]
-    residuals: Float[np.ndarray, "candidate moment"]
-    accuracy: Float[np.ndarray, " candidate"]
-    num_runs: int
+    pooled: Float[np.ndarray, "candidate tally"]  # pooled tallies; nan if a candidate failed
+    residuals: Float[np.ndarray, "candidate moment"]  # whitened residuals; nan if it failed
+    accuracy: Float[np.ndarray, " candidate"]  # nan if it failed
+    num_runs: int  # runs behind each
 
     @property
     def is_ok(self) -> Bool[np.ndarray, " candidate"]:
@@ -52,19 +43,12 @@ class Judged:
 
 @dataclass(frozen=True)
 class CourseEntry:
-    """One round of a stage, for the report.
+    """One round of a stage, for the report."""
 
-    Attributes:
-        stage: name of the stage.
-        num_runs: runs made up to the end of this round.
-        accuracy: of the round's candidates; nan where one failed.
-        best_accuracy: best of the stage so far.
-    """
-
-    stage: str
-    num_runs: int
-    accuracy: tuple[float, ...]
-    best_accuracy: float
+    stage: str  # name of the stage
+    num_runs: int  # runs made up to the end of this round
+    accuracy: tuple[float, ...]  # of the round's candidates; nan where one failed
+    best_accuracy: float  # best of the stage so far
 
 
 @dataclass

@@ -38,37 +38,23 @@ OPTIMISATION = "stage2_optimisation"
 
 @dataclass
 class TwoStageResult:
-    """What the search in the surrogate found.
+    """What the search in the surrogate found."""
 
-    Attributes:
-        stage_1: SOAT on the inputs.
-        exploration: SOAT and range analysis on the driver parameters.
-        optimised: the optimiser's search of the critical ones.
-        polish: joint polish of all.
-        refinement: what gradients made of the polish's result; None where there was nothing to differentiate.
-        critical: places of the critical parameters.
-        best: result in the unit cube.
-        objective: the objective at the end.
-        judged: candidates of the driver stages, for later surfaces.
-        stage_1_accuracy: flow-level accuracy of Stage 1's result, of the optimiser's and of the polish's, same runs.
-        has_drifted: whether Stage 2 had undone Stage 1 beyond noise.
-        half_width: of the region that is searched around a point, for each parameter.
-        course: all rounds.
-    """
-
-    stage_1: Screening
-    exploration: Screening
-    optimised: Optimisation
-    polish: Optimisation
+    stage_1: Screening  # SOAT on the inputs
+    exploration: Screening  # SOAT and range analysis on the driver parameters
+    optimised: Optimisation  # the optimiser's search of the critical ones
+    polish: Optimisation  # joint polish of all
+    # what gradients made of the polish's result; None where there was nothing to differentiate
     refinement: GradientRefinement | None
-    critical: tuple[int, ...]
-    best: Float[np.ndarray, " parameter"]
-    objective: Objective
-    judged: list[Judged]
+    critical: tuple[int, ...]  # places of the critical parameters
+    best: Float[np.ndarray, " parameter"]  # result in the unit cube
+    objective: Objective  # the objective at the end
+    judged: list[Judged]  # candidates of the driver stages, for later surfaces
+    # flow-level accuracy of Stage 1's result, of the optimiser's and of the polish's, same runs
     stage_1_accuracy: tuple[float, float, float]
-    has_drifted: bool
-    half_width: Float[np.ndarray, " parameter"]
-    course: list[CourseEntry]
+    has_drifted: bool  # whether Stage 2 had undone Stage 1 beyond noise
+    half_width: Float[np.ndarray, " parameter"]  # of the region that is searched around a point, for each parameter
+    course: list[CourseEntry]  # all rounds
 
 
 def search_two_stages(
@@ -137,27 +123,16 @@ def search_two_stages(
 
 @dataclass(frozen=True)
 class _Search:
-    """What all stages share, and what each of them does.
-
-    Attributes:
-        problem: the problem.
-        initial: where to begin.
-        evaluator: of the surrogate.
-        settings: the user's options.
-        budget: numbers of runs.
-        session: gives random numbers.
-        evidence: what the logs say of the parameters.
-        course: all rounds so far.
-    """
+    """What all stages share, and what each of them does."""
 
     problem: CalibrationProblem
-    initial: InitialPoint
-    evaluator: Evaluator
-    settings: Settings
-    budget: Budget
-    session: Session
-    evidence: Evidence
-    course: list[CourseEntry] = field(default_factory=list)
+    initial: InitialPoint  # where to begin
+    evaluator: Evaluator  # of the surrogate
+    settings: Settings  # the user's options
+    budget: Budget  # numbers of runs
+    session: Session  # gives random numbers
+    evidence: Evidence  # what the logs say of the parameters
+    course: list[CourseEntry] = field(default_factory=list)  # all rounds so far
 
     @property
     def start(self) -> Float[np.ndarray, " parameter"]:
