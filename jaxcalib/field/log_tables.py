@@ -72,7 +72,7 @@ class SubjectLog:
 
 @dataclass(frozen=True)
 class ObjectLog:
-    """The detected vehicles, one row per time stamp and vehicle, in the file's order; nan where the log says nothing."""
+    """The detected vehicles, one row per time stamp and vehicle, in the file's order; nan where it says nothing."""
 
     file: Path  # where it was read
     time_s: np.ndarray  # time on the scenario's clock
