@@ -8,6 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
+from jaxtyping import Float
 
 from jaxcalib.calibration.confirmation.agreement import Agreement, compare_sections
 from jaxcalib.calibration.confirmation.confirmation import Confirmation, confirm
@@ -80,19 +81,6 @@ def search_values(
     Raises:
         AllRunsFailedError: a simulator failed; where SUMO cannot run the scenario as it is, before the search begins.
     """
-    with ThreadPoolExecutor(1) as thread:
-        compiled = thread.submit(engine.prepare if engine else lambda: None)  # meanwhile the logs are fitted
-        session.progress.stage("initial_values")
-        with session.stopwatch.time("initial_values"):
-            in_scenario = scenario_runs()
-            warnings = scenario_warnings(in_scenario)
-            session.progress.notes(warnings)
-            initial = find_initial_point(
-                problem, settings.scaling_factor, settings.bounds, session.seed, in_scenario.tally
-            )
-            if "logs" in settings.without:
-                initial = without_driver_logs(initial)
-        compiled.result()
     in_sumo = Evaluator(
         sumo,
         problem.departs_s("fit"),
@@ -100,16 +88,37 @@ def search_values(
         session.progress.sumo_runs,
         shares_runs=problem.template.can_share_runs,
     )
+    evaluator = in_sumo if engine is None else _surrogate_evaluator(problem, engine, session)
     agreements: list[Agreement] = []
-    evaluator = in_sumo
-    if engine is not None:
-        evaluator = _surrogate_evaluator(problem, engine, session)
-        agreement = _agreement_in_scenario(problem, evaluator, plan, in_scenario, session)
-        agreements += [agreement] if agreement else []
-        if may_leave_surrogate and agreement is not None and not agreement.holds:
-            session.progress.notes([f"{agreement}; so SUMO makes the search's runs."])
-            evaluator, plan = in_sumo, in_sumo_alone(plan, problem, plan.scale)
-            session.progress.plan(plan.num_surrogate_runs, plan.num_sumo_runs)
+    warnings: list[str] = []
+    with ThreadPoolExecutor(1) as thread:
+        compiled = thread.submit(engine.prepare if engine else lambda: None)  # meanwhile the logs are fitted
+
+        def tallies_in_scenario() -> Float[np.ndarray, "run tally"]:
+            runs = scenario_runs()
+            warnings.extend(scenario_warnings(runs))
+            session.progress.notes(warnings)
+            compiled.result()
+            if engine is None or not len(runs.tally):
+                return runs.tally
+            with session.stopwatch.time("agreement"):
+                ours = _tallies_in_scenario(problem, evaluator, plan)
+            agreement = compare_sections(problem, ours.sum(axis=0), runs.tally, "at the scenario's values")
+            agreements.append(agreement)
+            # where both drive alike, many runs of the surrogate say what drives see with less chance than few of SUMO
+            return ours if agreement.holds else runs.tally
+
+        session.progress.stage("initial_values")
+        with session.stopwatch.time("initial_values"):
+            initial = find_initial_point(
+                problem, settings.scaling_factor, settings.bounds, session.seed, tallies_in_scenario
+            )
+            if "logs" in settings.without:
+                initial = without_driver_logs(initial)
+    if may_leave_surrogate and agreements and not agreements[0].holds:
+        session.progress.notes([f"{agreements[0]}; so SUMO makes the search's runs."])
+        evaluator, plan = in_sumo, in_sumo_alone(plan, problem, plan.scale)
+        session.progress.plan(plan.num_surrogate_runs, plan.num_sumo_runs)
     found = search_two_stages(problem, initial, evaluator, settings, plan, session)
     confirming = Evaluator(
         sumo,
@@ -149,17 +158,13 @@ def _surrogate_evaluator(problem: CalibrationProblem, engine: JaxSimulator, sess
     )
 
 
-def _agreement_in_scenario(
-    problem: CalibrationProblem, evaluator: Evaluator, plan: Budget, in_scenario: FinalRuns, session: Session
-) -> Agreement | None:
-    """Compare both simulators at the scenario's values; None where SUMO has no run to compare with."""
-    if not len(in_scenario.tally):
-        return None
-    with session.stopwatch.time("agreement"):
-        values = round_values(problem.template.base_values())
-        runs = evaluator.evaluate(values[None], evaluator.rounds_of(plan.noise_runs // 2), NOISE_OFFSET)
-    where = "at the scenario's values"
-    return compare_sections(problem, np.nan_to_num(runs.pooled[0]), in_scenario.tally, where)
+def _tallies_in_scenario(
+    problem: CalibrationProblem, evaluator: Evaluator, plan: Budget
+) -> Float[np.ndarray, "run tally"]:
+    """Tallies of the surrogate's successful runs with the scenario's values."""
+    values = round_values(problem.template.base_values())
+    runs = evaluator.evaluate(values[None], evaluator.rounds_of(plan.noise_runs // 2), NOISE_OFFSET).tally[0]
+    return runs[np.isfinite(runs).all(axis=1)]
 
 
 def _agreement_of_result(problem: CalibrationProblem, confirmation: Confirmation) -> Agreement:

@@ -1,6 +1,6 @@
 """Where the search begins: what the logs say of inputs and driver parameters, with its error."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -36,42 +36,44 @@ def find_initial_point(
     scaling_factor: float,
     bounds: Mapping[str, tuple[float, float]],
     seed: int,
-    in_scenario: Float[np.ndarray, "run tally"] | None = None,
+    in_scenario: Callable[[], Float[np.ndarray, "run tally"] | None] = lambda: None,
 ) -> InitialPoint:
-    """Return the initial point of a problem.
+    """Initial point of a problem.
 
     Args:
         problem: the problem.
         scaling_factor: delta of Eqs. 5 and 6: how far inputs may leave their initial values.
         bounds: the user's bounds, by name.
         seed: of random starts.
-        in_scenario: tallies of the drives to fit in the scenario as it is; see `estimate_demand`.
+        in_scenario: waits for tallies of the drives to fit in the scenario as it is, see `estimate_demand`; called once
+            the drivers are fitted.
 
     Raises:
         CaseError: bounds are wrong.
     """
     scenario_values = round_values(problem.template.base_values())
-    demand = demand_from_logs(problem, in_scenario)
-    space = parameter_space(problem.layout, problem.model, demand.values_vehph, scaling_factor, bounds)
-    num_inputs = problem.layout.num_inputs
+    layout, model = problem.layout, problem.model
+    space = parameter_space(layout, model, problem.template.base_demand_vehph(), scaling_factor, bounds)
     drivers = estimate_drivers(
         problem.scenario,
-        space,
+        space,  # of it, the drivers' part alone
         [drive for drive in problem.drives if drive.role == "fit"],
-        scenario_values[num_inputs:],
+        scenario_values[layout.num_inputs :],
         problem.case.perception.nominal_length_m,
         problem.parts.scenario.step_s,
         seed,
     )
+    demand = demand_from_logs(problem, in_scenario())
+    space = parameter_space(layout, model, demand.values_vehph, scaling_factor, bounds)
     values = np.clip(np.concatenate([demand.values_vehph, drivers.values]), space.lower, space.upper)
     inflow_error = np.hypot(demand.error_vehph, LEAST_INFLOW_ERROR * demand.values_vehph)
-    unit_error = np.concatenate([inflow_error / (space.upper - space.lower)[:num_inputs], drivers.unit_error])
+    width = (space.upper - space.lower)[: layout.num_inputs]
     return InitialPoint(
         space=space,
         scenario_values=scenario_values,
         values=round_values(values),
-        unit_error=unit_error,
-        source=("volume along the route",) * num_inputs + drivers.source,
+        unit_error=np.concatenate([inflow_error / width, drivers.unit_error]),
+        source=("volume along the route",) * layout.num_inputs + drivers.source,
         drivers=drivers,
         demand=demand,
     )

@@ -108,7 +108,7 @@ def without_search(monkeypatch: pytest.MonkeyPatch) -> None:
 
     for module in (pipeline, calibrated):
         monkeypatch.setattr(module, "surrogate_engine", lambda problem: SimpleNamespace(prepare=lambda: None))
-    monkeypatch.setattr(value_search, "find_initial_point", lambda *arguments: None)
+    monkeypatch.setattr(value_search, "find_initial_point", lambda *arguments: arguments[-1]())
     monkeypatch.setattr(value_search, "search_two_stages", search)
 
 

@@ -72,8 +72,9 @@ def test_the_search_is_made_with_the_effects_and_its_difference_counts(monkeypat
     problem = cast(CalibrationProblem, SimpleNamespace(departs_s=lambda role: (300.0,)))
     found = cast(TwoStageResult, SimpleNamespace(best=np.asarray([0.4, 0.5])))
     initial = cast(InitialPoint, SimpleNamespace(space=Space()))
-    searched = SearchedValues(initial, found, cast(Confirmation, None), cast(Evaluator, None))
     budget = cast(Budget, None)
+    nobody = cast(Confirmation, None), cast(Evaluator, None)
+    searched = SearchedValues(budget, initial, found, *nobody, agreements=(), is_in_sumo=False, warnings=())
     with open_session(None, {}, seed=2) as session:
         recalibrator = Recalibrator(problem, searched, np.asarray([21.0, 2.0]), budget, session)
         values = recalibrator.values(effects)
