@@ -54,6 +54,7 @@ def screen(
     accuracy_threshold: float,
     literal: bool = False,
     array: OrthogonalArray | None = None,
+    also: Float[np.ndarray, "candidate parameter"] | None = None,
 ) -> Screening:
     """Run all cases of the smallest array that fits, analyse ranges, and try what they propose.
 
@@ -67,6 +68,7 @@ def screen(
         accuracy_threshold: a_thre.
         literal: Algorithm 1 as printed.
         array: the design; the smallest that fits unless given.
+        also: further candidates for the shortlist, in the unit cube.
 
     Source: Algorithms 1 and 2.
     Deviation: the best combination of levels, which the paper returns untested, is run like a case; beside it stands
@@ -93,7 +95,7 @@ def screen(
     on_surface = levenberg_marquardt_step(surface, np.ones(surface.intercept.shape[0])).candidate
     levels = np.maximum(ranges.best_levels, 0) / (array.num_levels - 1)
     proposed = box.unit_of(np.stack([levels, on_surface, start]))
-    few = np.vstack([best_of([cases], NUM_SHORTLISTED), proposed])
+    few = np.vstack([best_of([cases], NUM_SHORTLISTED), proposed, *([] if also is None else [also])])
     shortlist = run.shortlist(few, SHORTLIST_RUNS * num_runs, stage, SHORTLIST_OFFSET)
     if literal and info.best_candidate is not None:  # Algorithm 1 returns the luckiest case, unseen since
         winner, accuracy = box.unit_of(info.best_candidate[None])[0], info.best_accuracy

@@ -99,10 +99,11 @@ def search_two_stages(
         known += polished.rounds
         refined = search.refine_drivers(run.objective, joint_box, polished.best, known)
         last_point = polished.best if refined is None else refined.unit
-        last = search.compare(run, np.stack([stage_1.best, optimised.best, polished.best, last_point, search.start]))
+        points = [stage_1.best, optimised.best, polished.best, last_point, search.start, search.scenario]
+        last = search.compare(run, np.stack(points))
         flow_objective = run.objective.of_level(Level.TRAFFIC)
         flow = run.with_objective(flow_objective).rejudge(last.pooled, last.values, last.num_runs)
-        best = _winner(last, (1, 2, 3, 4))
+        best = _winner(last, (1, 2, 3, 4, 5))
         session.progress.best(float(last.accuracy[best]))
     return TwoStageResult(
         stage_1=stage_1,
@@ -140,6 +141,11 @@ class _Search:
         return self.initial.space.unit_of(self.initial.values)
 
     @property
+    def scenario(self) -> Float[np.ndarray, " parameter"]:
+        """The scenario as it is, or what is nearest to it within the bounds: no search ends with less."""
+        return self.initial.space.unit_of(self.initial.scenario_values)
+
+    @property
     def half_width(self) -> Float[np.ndarray, " parameter"]:
         """How far around a point each parameter is searched."""
         return half_width_of(self.initial.unit_error)
@@ -170,9 +176,11 @@ class _Search:
         box = search_box(self.start, range(num_inputs), self.half_width)
         design = small_array(num_inputs)  # flow answers nearly in proportion to inflow
         run = self.run_with(objective.of_level(Level.TRAFFIC))
+        with_scenario_inputs = np.concatenate([self.scenario[:num_inputs], self.start[num_inputs:]])
         return screen(
-            run, box, self.start, self.num_runs, 1, STAGE_1, threshold, literal=self.settings.literal, array=design
-        )
+            run, box, self.start, self.num_runs, 1, STAGE_1, threshold, self.settings.literal, design,
+            with_scenario_inputs[None],
+        )  # fmt: skip
 
     def screen_drivers(
         self, objective: Objective, threshold: float, start: Float[np.ndarray, " parameter"]

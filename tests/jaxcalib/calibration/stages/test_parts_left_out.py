@@ -29,12 +29,15 @@ def search(
     monkeypatch: pytest.MonkeyPatch,
     *without: Any,
     choose: Any = lambda *arguments: toy_objective(),
+    scenario_values: np.ndarray = START,
     **options: Any,
 ) -> tuple[two_stage.TwoStageResult, Evaluator]:
     monkeypatch.setattr(two_stage, "choose_objective", choose)
     monkeypatch.setattr(two_stage, "evidence_of", lambda initial: independent_evidence(np.full(3, 0.5), np.ones(3)))
     problem: Any = SimpleNamespace(layout=LAYOUT)
-    initial: Any = SimpleNamespace(space=SPACE, values=START, unit_error=np.full(3, np.inf))
+    initial: Any = SimpleNamespace(
+        space=SPACE, values=START, scenario_values=scenario_values, unit_error=np.full(3, np.inf)
+    )
     evaluator = Evaluator(ToySimulator(), (300.0, 320.0), 50)
     settings = Settings(without=("gradients", *without), **options)
     with open_session(None, {}, seed=1) as session:
@@ -54,6 +57,17 @@ def test_parts_left_out_make_no_runs_and_hand_on_where_they_would_have_begun(mon
     assert not neither.optimised.rounds
     np.testing.assert_array_equal(neither.stage_1.best, whole.stage_1.best)
     assert all_runs.num_runs > fewer.num_runs > fewest.num_runs
+
+
+def test_no_search_ends_with_less_than_the_scenario_as_it_is(monkeypatch: pytest.MonkeyPatch):
+    truth = SPACE.values_of(TRUTH[None])[0]
+    found, _ = search(monkeypatch, "polish", "optimiser", scenario_values=truth)
+    compared = found.judged[-1]
+    np.testing.assert_allclose(compared.unit[-1], TRUTH, atol=1e-4)
+    chosen = np.flatnonzero((compared.unit == found.best).all(axis=1))[0]
+    assert compared.accuracy[chosen] >= compared.accuracy[-1]
+    tried = found.stage_1.shortlist.unit
+    assert np.isclose(tried[:, 0], TRUTH[0], atol=1e-4).any()  # its inflow, with the drivers where the search begins
 
 
 def test_stage_2_is_judged_by_a_covariance_from_runs_of_its_own_number(monkeypatch: pytest.MonkeyPatch):
