@@ -1,6 +1,7 @@
 """One question, two engines: what does the subject vehicle observe under these parameter values?"""
 
 import enum
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol
@@ -34,6 +35,22 @@ class ParameterLayout:
     input_flows: tuple[tuple[str, ...], ...]  # flow ids of each input
     vtypes: tuple[str, ...]  # vTypes whose attributes the second part sets
     attributes: tuple[str, ...]  # SUMO attributes in the order of the vector's second part
+    # factor on each attribute's value for each vType, [vtype, attribute], where vTypes differ by common factors
+    factors: tuple[tuple[float, ...], ...] = ()
+    most: tuple[float, ...] = ()  # that each attribute can be, however large its factor
+
+    def factors_of(self, vtype: str) -> tuple[tuple[float, float], ...]:
+        """Factor on each attribute's value for a vType, and the most that it may become by it."""
+        if not self.factors:
+            return ((1.0, math.inf),) * len(self.attributes)
+        return tuple(zip(self.factors[self.vtypes.index(vtype)], self.most, strict=True))
+
+    def values_of(self, vtype: str, behaviour: Sequence[float]) -> dict[str, float]:
+        """A vType's attributes for the second part of a parameter vector."""
+        return {
+            attribute: value if factor == 1.0 else min(factor * value, most)
+            for attribute, value, (factor, most) in zip(self.attributes, behaviour, self.factors_of(vtype), strict=True)
+        }
 
     @property
     def num_inputs(self) -> int:

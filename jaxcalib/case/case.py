@@ -58,12 +58,14 @@ class Behaviour:
         car_following: their car-following model.
         parameters: vType attributes that may be moved; None means the library's list for that model.
         distant_vtypes: vType as which each of these vTypes follows beyond the sensors' range.
+        common: what the vTypes share: "factors", so that they keep their proportions, or "values".
     """
 
     vtypes: tuple[str, ...]
     car_following: str
     parameters: tuple[str, ...] | None
     distant_vtypes: Mapping[str, str] = field(default_factory=dict)
+    common: Literal["factors", "values"] = "factors"
 
 
 @dataclass(frozen=True)
@@ -177,7 +179,8 @@ def _subject(section: SubjectSection) -> SubjectVehicle:
 
 
 def _behaviour(section: BehaviourSection) -> Behaviour:
-    return Behaviour(section.vtypes, section.car_following, section.parameters, section.distant_vtypes or {})
+    distant = section.distant_vtypes or {}
+    return Behaviour(section.vtypes, section.car_following, section.parameters, distant, section.common)
 
 
 def _drive(root: Path, drive: DriveSection) -> Drive:

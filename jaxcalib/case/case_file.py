@@ -6,7 +6,7 @@ import tomllib
 import typing
 from pathlib import Path
 from types import UnionType
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import msgspec
 from msgspec import Meta
@@ -79,6 +79,7 @@ class BehaviourSection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     car_following: Name
     parameters: Names | None = None
     distant_vtypes: Annotated[dict[str, str], Meta(description="a table of vTypes by vType")] | None = None
+    common: Literal["factors", "values"] = "factors"
 
 
 class InputSection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

@@ -21,7 +21,7 @@ from jaxcalib.measures.observed_road import ObservedRoad, observe_road
 from jaxcalib.measures.registry import all_folds, all_measures
 from jaxcalib.measures.scene import MeasureSettings
 from jaxcalib.measures.whole_drive import WholeDriveFold
-from jaxcalib.problem.parameter_space import behaviour_parameters
+from jaxcalib.problem.parameter_space import behaviour_parameters, ranges_of
 from jaxcalib.problem.problem_checks import (
     clock_faults,
     coverage_warnings,
@@ -107,7 +107,8 @@ class CalibrationProblem:
         own = [f"case.toml: drives that depart within the warm-up: {', '.join(early)}."] if early else []
         values = [self.scenario.values_of(vtype) for vtype in self.layout.vtypes]
         if any(one[name] != values[0][name] for one in values for name in self.layout.attributes):
-            own.append("case.toml: behaviour.vtypes differ in the scenario; all get the same calibrated values.")
+            how = "keep their proportions to the first" if self.layout.factors else "all get the same calibrated values"
+            own.append(f"case.toml: behaviour.vtypes differ in the scenario; they {how}.")
         if self.template.distant_vtypes:
             own.append(
                 "case.toml: behaviour.distant_vtypes: in plain SUMO nobody changes over, so not in RUN/scenario."
@@ -140,7 +141,7 @@ def read_problem(folder: Path | str, *, as_stated: bool = False) -> CalibrationP
         )
         parts = dataclasses.replace(parts, inputs=parts.inputs or found_inputs(scenario))
         raise_first([*model_faults(scenario, parts), *input_faults(scenario, parts)])
-        layout = layout_of(parts)
+        layout = layout_of(parts, scenario)
         raise_first(clock_faults(scenario, parts, case))
         interval_s = frame_interval_s(scenario.configuration.step_s)
         logs = read_drives(case, scenario.row_map)
@@ -219,7 +220,7 @@ def found_inputs(scenario: Scenario) -> tuple[Input, ...]:
     )
 
 
-def layout_of(parts: ScenarioParts) -> ParameterLayout:
+def layout_of(parts: ScenarioParts, scenario: Scenario) -> ParameterLayout:
     """Return which number of a parameter vector means what.
 
     Raises:
@@ -230,12 +231,27 @@ def layout_of(parts: ScenarioParts) -> ParameterLayout:
         known = ", ".join((*SUMO_MODELS, *NEAREST_MODEL))
         raise CaseError(FILE_NAME, "behaviour.car_following", f"expected one of {known}, got {quote(model)}.")
     model = nearest_model(model)
+    attributes = behaviour_parameters(FILE_NAME, model, parts.behaviour.parameters)
+    vtypes, factors, most = parts.behaviour.vtypes, (), ()
+    if parts.behaviour.common == "factors":
+        own = [scenario.values_of(vtype) if vtype in scenario.demand.vtypes else {} for vtype in vtypes]
+        factors = tuple(tuple(_factor(each, own[0], attribute) for attribute in attributes) for each in own)
+        ranges = ranges_of(model)
+        most = tuple(1.0 if ranges[attribute].upper == 1.0 else float("inf") for attribute in attributes)
     return ParameterLayout(
         input_ids=tuple(entrance.id for entrance in parts.inputs),
         input_flows=tuple(entrance.flows for entrance in parts.inputs),
-        vtypes=parts.behaviour.vtypes,
-        attributes=behaviour_parameters(FILE_NAME, model, parts.behaviour.parameters),
+        vtypes=vtypes,
+        attributes=attributes,
+        factors=factors if any(factor != 1.0 for row in factors for factor in row) else (),
+        most=most if any(factor != 1.0 for row in factors for factor in row) else (),
     )
+
+
+def _factor(values: Mapping[str, float], of_first: Mapping[str, float], attribute: str) -> float:
+    """Factor between a vType's attribute and the first vType's; 1 where either is 0, which no factor can tell."""
+    own, first = values.get(attribute, 0.0), of_first.get(attribute, 0.0)
+    return own / first if own > 0.0 and first > 0.0 else 1.0
 
 
 def _measure_settings(case: Case, road: ObservedRoad, drives: tuple[DriveLog, ...]) -> MeasureSettings:

@@ -68,7 +68,7 @@ def check_case(folder: Path | str, *, first_run_s: float = FIRST_RUN_S) -> CaseC
         return CaseCheck(case.name, {}, (), (), tuple(map(str, faults)))
     faults = [*model_faults(scenario, parts), *input_faults(scenario, parts)]
     try:
-        layout_of(parts)
+        layout_of(parts, scenario)
     except CaseError as error:
         faults.append(error)
     of_clock = clock_faults(scenario, parts, case)

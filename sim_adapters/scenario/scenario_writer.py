@@ -73,7 +73,7 @@ def write_scenario(
         NotExpressibleError: SUMO has no means for an effect.
     """
     configuration = scenario.configuration
-    set_attributes = dict(zip(layout.attributes, values[layout.num_inputs :], strict=True))
+    behaviour = values[layout.num_inputs :]
     factors = flow_factors(scenario, layout, values)
     departs_s = [depart_s] if isinstance(depart_s, float | int) else depart_s
     sources = [*configuration.additional_files, *configuration.route_files]
@@ -86,7 +86,7 @@ def write_scenario(
             element.tail = "\n"
             for vtype in element.iter("vType"):
                 if vtype.get("id") in layout.vtypes:
-                    _set_attributes(vtype, set_attributes)
+                    _set_attributes(vtype, layout.values_of(vtype.get("id", ""), behaviour))
             if element.tag == "flow" and element.get("id") in factors:
                 scale_flow(element, factors[element.get("id", "")])
             is_subject = element.get("id") == subject_vehicle and element.tag in ("vehicle", "trip")
@@ -95,7 +95,7 @@ def write_scenario(
                 elements.append(one)
     if DEFAULT_VTYPE in layout.vtypes and not any(_has_vtype(one, (DEFAULT_VTYPE,)) for one in elements):
         default = ET.Element("vType", id=DEFAULT_VTYPE)  # SUMO's own, which no file needs to name
-        _set_attributes(default, set_attributes)
+        _set_attributes(default, layout.values_of(DEFAULT_VTYPE, behaviour))
         elements.insert(0, default)
         file_of[id(default)] = 0
     read = tuple(elements)  # keeps them, and with them their identities, while effects replace some

@@ -195,8 +195,9 @@ class WorldTemplate:
             one = vehicle_class(values, model)
             is_subject = len(classes) == len(self.class_names) - 1
             if name in self.layout.vtypes and not is_subject:
-                for index, attribute in enumerate(self.layout.attributes):
-                    one = with_attribute(one, model, attribute, behaviour[index])
+                for index, (factor, most) in enumerate(self.layout.factors_of(name)):
+                    value = behaviour[index] if factor == 1.0 else jnp.minimum(factor * behaviour[index], most)
+                    one = with_attribute(one, model, self.layout.attributes[index], value)
             classes.append(self.subject_model.vehicle_class(one) if is_subject else one)
         for near, distant in self.distant_vtypes.items():
             place = self.class_names.index(distant)

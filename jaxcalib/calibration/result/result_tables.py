@@ -42,7 +42,7 @@ def build_result(record: CalibrationRecord) -> CalibrationResult:
     best = record.confirmation.best
     values = space.values_of(best[None])[0]
     demand = dict(zip(layout.input_ids, map(float, values), strict=False))
-    behaviour = {name: float(value) for name, value in zip(layout.attributes, values[layout.num_inputs :], strict=True)}
+    behaviour = [float(value) for value in values[layout.num_inputs :]]
     calibrated: dict[Role, FinalRuns] = {role: runs_of_role(problem, record.calibrated, role) for role in ROLES}
     uncalibrated = {role: runs_of_role(problem, record.uncalibrated, role) for role in ROLES}
     errors = {
@@ -54,7 +54,7 @@ def build_result(record: CalibrationRecord) -> CalibrationResult:
     notes: dict[str, str] = {}
     mops = _mops(record, calibrated, notes)
     return CalibrationResult(
-        parameters={"demand": demand, "behaviour": {vtype: behaviour for vtype in layout.vtypes}},
+        parameters={"demand": demand, "behaviour": {name: layout.values_of(name, behaviour) for name in layout.vtypes}},
         critical_parameters=[space.names[place] for place in record.found.critical],
         mops=mops,
         moes=effectiveness_table(errors, notes),
