@@ -66,7 +66,7 @@ def join_lanes(
             goes_on.setdefault(successor, lane.key)
         if not met or len(met) < len(lane.successors):
             continue  # it has a lane of its own to go on in
-        other, zone = _meet(lane, [lanes[goes_on[successor]] for successor in met], net)
+        other, zone = _meet(lane, [lanes[goes_on[successor]] for successor in met], net, is_left_hand)
         into = next(successor for successor in met if goes_on[successor] == other.key)
         zones += [zone] if zone else []
         changed[lane.key] = replace(lane, successors=(), merges_into=into if zone else None)
@@ -92,7 +92,9 @@ def join_lanes(
     return Joints(changed, tuple(zones), tuple(findings))
 
 
-def _meet(lane: RouteLane, others: list[RouteLane], net: Any) -> tuple[RouteLane, ChangeZone | None]:
+def _meet(
+    lane: RouteLane, others: list[RouteLane], net: Any, is_left_hand: bool
+) -> tuple[RouteLane, ChangeZone | None]:
     """Return the nearest of the lanes that one meets, and where vehicles change into it.
 
     There is no such stretch where both are lanes of one edge: they lie beside one another all along.
@@ -101,7 +103,8 @@ def _meet(lane: RouteLane, others: list[RouteLane], net: Any) -> tuple[RouteLane
     if of_edge:
         return min(of_edge, key=lambda other: abs(other.index - lane.index)), None
     zones = {other.index: _merge_zone(lane, other, net) for other in others}
-    nearest = min(zones) if next(iter(zones.values())).side == LEFT else max(zones)
+    lies_left = next(iter(zones.values())).side == LEFT
+    nearest = min(zones) if lies_left != is_left_hand else max(zones)  # lanes are counted from the other side there
     return next(other for other in others if other.index == nearest), zones[nearest]
 
 
