@@ -53,18 +53,22 @@ def find_initial_point(
     """
     scenario_values = round_values(problem.template.base_values())
     layout, model = problem.layout, problem.model
-    space = parameter_space(layout, model, problem.template.base_demand_vehph(), scaling_factor, bounds)
+    behaviour = scenario_values[layout.num_inputs :]
+
+    def space_around(input_vehph: np.ndarray) -> ParameterSpace:
+        return parameter_space(layout, model, input_vehph, scaling_factor, bounds, behaviour=behaviour.tolist())
+
     drivers = estimate_drivers(
         problem.scenario,
-        space,  # of it, the drivers' part alone
+        space_around(problem.template.base_demand_vehph()),  # of it, the drivers' part alone
         [drive for drive in problem.drives if drive.role == "fit"],
-        scenario_values[layout.num_inputs :],
+        behaviour,
         problem.case.perception.nominal_length_m,
         problem.parts.scenario.step_s,
         seed,
     )
     demand = demand_from_logs(problem, in_scenario())
-    space = parameter_space(layout, model, demand.values_vehph, scaling_factor, bounds)
+    space = space_around(demand.values_vehph)
     values = np.clip(np.concatenate([demand.values_vehph, drivers.values]), space.lower, space.upper)
     inflow_error = np.hypot(demand.error_vehph, LEAST_INFLOW_ERROR * demand.values_vehph)
     width = (space.upper - space.lower)[: layout.num_inputs]

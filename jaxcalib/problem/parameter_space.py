@@ -160,6 +160,7 @@ def parameter_space(
     scaling_factor: float,
     bounds: Mapping[str, tuple[float, float]],
     file: str = "settings",
+    behaviour: Sequence[float] | None = None,
 ) -> ParameterSpace:
     """Return the space around initial inputs.
 
@@ -170,6 +171,7 @@ def parameter_space(
         scaling_factor: delta of Eqs. 5 and 6.
         bounds: the user's bounds, by name.
         file: for messages.
+        behaviour: the scenario's driver parameters, which lie within the bounds even where traffic has others.
 
     Raises:
         CaseError: bounds cross, or name something else.
@@ -179,7 +181,8 @@ def parameter_space(
         Range(low, high, unit="veh/h") for low, high in zip(least, (1.0 + scaling_factor) * input_vehph, strict=True)
     ]
     of_model = ranges_of(model)
-    ranges += [of_model[name] for name in layout.attributes]
+    of_drivers = [of_model[name] for name in layout.attributes]
+    ranges += of_drivers if behaviour is None else map(_holding, of_drivers, behaviour)
     space = ParameterSpace(layout, tuple(ranges))
     for name, (lower, upper) in bounds.items():
         if name not in space.names:
@@ -192,3 +195,10 @@ def parameter_space(
             raise CaseError(file, f"bounds.{name}", f"expected a lower bound above 0; got {lower}.")
         space = space.with_range(name, lower, upper)
     return space
+
+
+def _holding(one: Range, value: float) -> Range:
+    """Return a range that holds a value, too; a logarithmic one as far as it is above 0."""
+    if one.is_logarithmic and value <= 0.0:
+        return one
+    return replace(one, lower=min(one.lower, float(value)), upper=max(one.upper, float(value)))
