@@ -1,6 +1,6 @@
 """The two stages in the surrogate, and what the paper lacks: Stage 1 measured again, and a joint polish."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -99,11 +99,14 @@ def search_two_stages(
         known += polished.rounds
         refined = search.refine_drivers(run.objective, joint_box, polished.best, known)
         last_point = polished.best if refined is None else refined.unit
-        points = [stage_1.best, optimised.best, polished.best, last_point, search.start, search.scenario]
+        points = [
+            stage_1.best, optimised.best, polished.best, last_point, search.start,
+            search.with_scenario_inputs(last_point), search.scenario,
+        ]  # fmt: skip
         last = search.compare(run, np.stack(points))
         flow_objective = run.objective.of_level(Level.TRAFFIC)
         flow = run.with_objective(flow_objective).rejudge(last.pooled, last.values, last.num_runs)
-        best = _winner(last, (1, 2, 3, 4, 5))
+        best = _winner(last, range(1, len(points)))
         session.progress.best(float(last.accuracy[best]))
     return TwoStageResult(
         stage_1=stage_1,
@@ -145,6 +148,11 @@ class _Search:
         """The scenario as it is, or what is nearest to it within the bounds: no search ends with less."""
         return self.initial.space.unit_of(self.initial.scenario_values)
 
+    def with_scenario_inputs(self, unit: Float[np.ndarray, " parameter"]) -> Float[np.ndarray, " parameter"]:
+        """A point with the scenario's inflows: counts behind them may know more than a few drives."""
+        num_inputs = self.problem.layout.num_inputs
+        return np.concatenate([self.scenario[:num_inputs], unit[num_inputs:]])
+
     @property
     def half_width(self) -> Float[np.ndarray, " parameter"]:
         """How far around a point each parameter is searched."""
@@ -176,10 +184,9 @@ class _Search:
         box = search_box(self.start, range(num_inputs), self.half_width)
         design = small_array(num_inputs)  # flow answers nearly in proportion to inflow
         run = self.run_with(objective.of_level(Level.TRAFFIC))
-        with_scenario_inputs = np.concatenate([self.scenario[:num_inputs], self.start[num_inputs:]])
         return screen(
             run, box, self.start, self.num_runs, 1, STAGE_1, threshold, self.settings.literal, design,
-            with_scenario_inputs[None],
+            self.with_scenario_inputs(self.start)[None],
         )  # fmt: skip
 
     def screen_drivers(
@@ -251,7 +258,7 @@ def _again(run: SearchRun, judged: Judged) -> Judged:
     return run.rejudge(judged.pooled, judged.values, judged.num_runs)
 
 
-def _winner(judged: Judged, places: tuple[int, ...]) -> int:
+def _winner(judged: Judged, places: Iterable[int]) -> int:
     accuracy = np.nan_to_num(judged.accuracy, nan=-np.inf)
     return max(places, key=lambda place: accuracy[place])
 
