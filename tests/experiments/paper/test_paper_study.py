@@ -37,7 +37,7 @@ def without_simulators(monkeypatch: pytest.MonkeyPatch, find: Callable[..., Foun
     """Let trials be made of what is found by a function, and of errors that are as they are."""
     layout = SimpleNamespace(names=("main", "tau"), attributes=("tau",))
     monkeypatch.setattr(trial_runs, "read_problem", lambda folder: SimpleNamespace(
-        case=SimpleNamespace(name="toy", folder=folder), layout=layout))  # fmt: skip
+        case=SimpleNamespace(name="toy", folder=folder, drives=(), scenario=None), layout=layout))  # fmt: skip
     monkeypatch.setattr(trial_runs, "find_values", find)
     monkeypatch.setattr(trial_runs, "errors_in_sumo", lambda *options: {
         "role": "held_out", "errors": {}, "floor": {}, "vehicle_level": 0.9})  # fmt: skip
@@ -48,7 +48,7 @@ def plan(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> StudyPlan:
     case = tmp_path / "case"
     case.mkdir()
     (case / "case.toml").write_text("")
-    problem = SimpleNamespace(case=SimpleNamespace(name="toy", folder=case))
+    problem = SimpleNamespace(case=SimpleNamespace(name="toy", folder=case, drives=(), scenario=None))
     monkeypatch.setattr(study, "read_problem", lambda folder: problem)
     monkeypatch.setattr(study, "prepare_devices", lambda cores: None)
     monkeypatch.setattr(study, "prepare_pattern", lambda problem, number, folder: case)

@@ -28,7 +28,7 @@ def scenario(case: Path, *changes: tuple[str, str]) -> Scenario:
         text = file.read_text()
         assert old in text
         file.write_text(text.replace(old, new, 1))
-    return read_scenario(case / "scenario/scenario.sumocfg", case, "ego", 720.0)
+    return read_scenario(case / "scenario/scenario.sumocfg", "ego", 720.0)
 
 
 @pytest.fixture
