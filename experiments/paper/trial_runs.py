@@ -124,7 +124,7 @@ def _two_stages(problem: CalibrationProblem, session: Session, budget: float, se
     names = searched.initial.space.names
     return Found(
         values=searched.values,
-        surrogate_runs=searched.evaluator.num_runs,
+        surrogate_runs=searched.num_surrogate_runs,
         sumo_runs=health_of(searched.confirmation.outcomes).runs if searched.confirmation.outcomes else 0,
         calibration_s=sum(session.stopwatch.wall_s.get(part, 0.0) for part in CALIBRATION_PARTS),
         critical=[names[number] for number in searched.found.critical],

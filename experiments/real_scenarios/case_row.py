@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from jaxcalib.calibration.confirmation.agreement import LEAST_SHARE
 from jaxcalib.calibration.objective.accuracy import TRAFFIC_LEVEL, VEHICLE_LEVEL_SUM
 from jaxcalib.case.case import Role
 from jaxcalib.cli.guarded import EXIT_CASE_WRONG
@@ -47,7 +48,7 @@ class CaseRow:
     @property
     def is_followed_or_left(self) -> bool:
         """Whether the surrogate is within the tolerance in nine tenths of the sections, or SUMO ran alone and why."""
-        return (self.in_sumo and bool(self.words)) or (self.share_alike is not None and self.share_alike >= 0.9)
+        return (self.in_sumo and bool(self.words)) or (self.share_alike is not None and self.share_alike >= LEAST_SHARE)
 
 
 def run_case(case: Path, out: Path, budget: float) -> CaseRow:

@@ -134,7 +134,9 @@ def find_and_judge_values(
         searched = search_values(
             problem, settings, plan, engine, sumo, session, waiting, may_leave_surrogate=may_leave_surrogate
         )
-        on_held_out = surrogate_on_held_out(problem, engine, searched, plan, session) if engine else None
+        on_held_out = None
+        if engine is not None and not searched.is_in_sumo:
+            on_held_out = surrogate_on_held_out(problem, engine, searched, plan, session)
         session.progress.stage("final_errors")
         with session.stopwatch.time("final_errors"):
             calibrated, uncalibrated = (
@@ -163,8 +165,9 @@ def find_and_judge_values(
         },
         agreements=searched.agreements,
         notes=searched.warnings,
-        num_surrogate_runs=0 if searched.is_in_sumo else searched.evaluator.num_runs,
-        num_sumo_search_runs=searched.evaluator.num_runs if searched.is_in_sumo else 0,
+        is_in_sumo=searched.is_in_sumo,
+        num_surrogate_runs=searched.num_surrogate_runs,
+        num_sumo_search_runs=searched.num_sumo_search_runs,
         surrogate_on_held_out=on_held_out,
         num_sumo_processes=processes,
         wall_s=session.stopwatch.wall_s,

@@ -30,9 +30,10 @@ class CalibrationRecord:
     search_seeds: dict[str, int]  # first seed of each kind of run
     agreements: tuple[Agreement, ...]  # surrogate against SUMO, at the scenario's values and at those found
     notes: tuple[str, ...]  # what a user should know of the runs of the scenario as it is
-    num_surrogate_runs: int  # runs of the search in the surrogate; 0 where SUMO made the search's runs
+    is_in_sumo: bool  # whether SUMO made the search's runs
+    num_surrogate_runs: int  # of the search and of its comparison with SUMO
+    num_sumo_search_runs: int  # drives of the search in SUMO
     # the surrogate's runs of the result on held-out drives; None where no drive is held out
     surrogate_on_held_out: Evaluations | None
     num_sumo_processes: int  # SUMO runs side by side
     wall_s: dict[str, float] = field(default_factory=dict)  # time of each part
-    num_sumo_search_runs: int = 0  # drives of the search in SUMO, where it made the search's runs

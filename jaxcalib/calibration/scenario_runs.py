@@ -6,15 +6,14 @@ They say whether SUMO can run the scenario, what drives see where the demand is 
 from collections.abc import Callable
 
 from jaxcalib.calibration.confirmation.final_errors import FinalRuns, start_final_runs
-from jaxcalib.calibration.confirmation.scenario_check import refuse_failed
 from jaxcalib.calibration.stages.budget import Budget
+from jaxcalib.calibration.stages.evaluator import AllRunsFailedError
 from jaxcalib.problem.parameter_space import round_values
 from jaxcalib.problem.problem import CalibrationProblem
+from jaxcalib.problem.scenario_check import WORTH_SAYING
 from jaxcalib.runs.journal import JournaledSumo
 from jaxcalib.runs.session import Session
 from sim_adapters.interface import Status
-
-WORTH_SAYING = 0.05  # share of the demand that waits outside
 
 
 def start_scenario_runs(
@@ -30,15 +29,16 @@ def start_scenario_runs(
         shares_runs: whether drives may share a run; those of the final errors do not.
 
     Returns:
-        What waits for the runs, and raises an AllRunsFailedError if SUMO fails at all of them.
+        What waits for the runs, and raises an AllRunsFailedError if none of them succeeds.
     """
     values = round_values(problem.template.base_values())
     wait = start_final_runs(problem, sumo, values, "fit", plan.final_fit_runs, session, shares_runs=shares_runs)
 
     def finish() -> FinalRuns:
-        runs = wait()
-        refuse_failed(runs.outcomes)
-        return runs
+        try:
+            return wait()
+        except AllRunsFailedError as error:
+            raise AllRunsFailedError(f"SUMO cannot run the scenario as it is: {error}", error.log_tail) from None
 
     return finish
 

@@ -11,12 +11,12 @@ import numpy as np
 from jaxtyping import Float
 
 from jaxcalib.calibration.confirmation.agreement import Agreement, compare_sections
-from jaxcalib.calibration.confirmation.confirmation import Confirmation, confirm
+from jaxcalib.calibration.confirmation.confirmation import Confirmation, Finals, confirm
 from jaxcalib.calibration.confirmation.final_errors import FinalRuns
-from jaxcalib.calibration.confirmation.search_on import Evaluators, search_on_in_sumo
+from jaxcalib.calibration.confirmation.search_on import search_on_in_sumo
 from jaxcalib.calibration.scenario_runs import scenario_warnings
 from jaxcalib.calibration.stages.budget import Budget, in_sumo_alone, plan_budget
-from jaxcalib.calibration.stages.evaluator import Evaluator
+from jaxcalib.calibration.stages.evaluator import AllRunsFailedError, Evaluator
 from jaxcalib.calibration.stages.two_stage import TwoStageResult, search_two_stages
 from jaxcalib.initial_values.initial_point import InitialPoint, find_initial_point, without_driver_logs
 from jaxcalib.problem.parameter_space import round_values
@@ -26,6 +26,8 @@ from jaxcalib.runs.journal import JournaledSumo, JournaledSurrogate
 from jaxcalib.runs.seeds import CONFIRMATION_SEED, NOISE_OFFSET, SEARCH_SEED
 from jaxcalib.runs.session import Session
 from sim_adapters.jax.simulator import JaxSimulator
+
+AGREEMENT = "agreement"  # the surrogate's runs with the scenario's values, for the times
 
 
 def plan_calibration(problem: CalibrationProblem, settings: Settings, scale: float, *, in_sumo: bool = False) -> Budget:
@@ -42,11 +44,12 @@ class SearchedValues:
     initial: InitialPoint  # where the search began
     found: TwoStageResult  # what the two stages found
     confirmation: Confirmation  # what SUMO made of it; its best point is the result
-    evaluator: Evaluator  # of the search on the drives to fit
     # surrogate against SUMO, at the scenario's values and at those that the search found; none where the
     # surrogate was not asked
     agreements: tuple[Agreement, ...]
     is_in_sumo: bool  # whether SUMO made the search's runs
+    num_surrogate_runs: int  # on the drives to fit
+    num_sumo_search_runs: int  # drives of the search in SUMO, apart from those that confirm
     warnings: tuple[str, ...]  # what the runs of the scenario as it is showed, one line each
 
     @property
@@ -81,14 +84,8 @@ def search_values(
     Raises:
         AllRunsFailedError: a simulator failed; where SUMO cannot run the scenario as it is, before the search begins.
     """
-    in_sumo = Evaluator(
-        sumo,
-        problem.departs_s("fit"),
-        session.first_seed + SEARCH_SEED,
-        session.progress.sumo_runs,
-        shares_runs=problem.template.can_share_runs,
-    )
-    evaluator = in_sumo if engine is None else _surrogate_evaluator(problem, engine, session)
+    in_sumo = _sumo_evaluator(problem, sumo, session, SEARCH_SEED)
+    surrogate = None if engine is None else _surrogate_evaluator(problem, engine, session)
     agreements: list[Agreement] = []
     warnings: list[str] = []
     with ThreadPoolExecutor(1) as thread:
@@ -99,10 +96,10 @@ def search_values(
             warnings.extend(scenario_warnings(runs))
             session.progress.notes(warnings)
             compiled.result()
-            if engine is None or not len(runs.tally):
+            if surrogate is None or not len(runs.tally):
                 return runs.tally
-            with session.stopwatch.time("agreement"):
-                ours = _tallies_in_scenario(problem, evaluator, plan)
+            with session.stopwatch.time(AGREEMENT):
+                ours = _tallies_in_scenario(problem, surrogate, plan)
             agreement = compare_sections(problem, ours.sum(axis=0), runs.tally, "at the scenario's values")
             agreements.append(agreement)
             # where both drive alike, many runs of the surrogate say what drives see with less chance than few of SUMO
@@ -115,37 +112,44 @@ def search_values(
             )
             if "logs" in settings.without:
                 initial = without_driver_logs(initial)
+    is_in_sumo = surrogate is None
     if may_leave_surrogate and agreements and not agreements[0].holds:
         session.progress.notes([f"{agreements[0]}; so SUMO makes the search's runs."])
-        evaluator, plan = in_sumo, in_sumo_alone(plan, problem, plan.scale)
+        is_in_sumo, plan = True, in_sumo_alone(plan, problem, plan.scale)
         session.progress.plan(plan.num_surrogate_runs, plan.num_sumo_runs)
+    evaluator = in_sumo if is_in_sumo or surrogate is None else surrogate
     found = search_two_stages(problem, initial, evaluator, settings, plan, session)
-    confirming = Evaluator(
-        sumo,
-        problem.departs_s("fit"),
-        session.first_seed + CONFIRMATION_SEED,
-        session.progress.sumo_runs,
-        shares_runs=problem.template.can_share_runs,
-    )
+    confirming = _sumo_evaluator(problem, sumo, session, CONFIRMATION_SEED)
     with session.stopwatch.time("confirmation"):
         confirmation = confirm(found, initial, evaluator, confirming, plan, session)
-        if evaluator is not in_sumo:
+        if not is_in_sumo:
             agreement = _agreement_of_result(problem, confirmation)
             agreements.append(agreement)
             if may_leave_surrogate and not agreement.holds:
                 session.progress.notes([f"{agreement}; so the search goes on in SUMO."])
-                plan_in_sumo = in_sumo_alone(plan, problem, plan.scale)
-                evaluators = Evaluators(evaluator, in_sumo, confirming)
-                confirmation = search_on_in_sumo(confirmation, found, initial, evaluators, plan_in_sumo, session)
+                finals = Finals(initial.space, evaluator, confirming, plan, session)
+                in_sumo_plan = in_sumo_alone(plan, problem, plan.scale)
+                confirmation = search_on_in_sumo(confirmation, found, in_sumo, finals, in_sumo_plan)
     return SearchedValues(
-        plan,
-        initial,
-        found,
-        confirmation,
-        evaluator,
-        tuple(agreements),
-        evaluator is in_sumo,
-        tuple(warnings),
+        plan=plan,
+        initial=initial,
+        found=found,
+        confirmation=confirmation,
+        agreements=tuple(agreements),
+        is_in_sumo=is_in_sumo,
+        num_surrogate_runs=surrogate.num_runs if surrogate else 0,
+        num_sumo_search_runs=in_sumo.num_runs,
+        warnings=tuple(warnings),
+    )
+
+
+def _sumo_evaluator(problem: CalibrationProblem, sumo: JournaledSumo, session: Session, seeds_from: int) -> Evaluator:
+    return Evaluator(
+        sumo,
+        problem.departs_s("fit"),
+        session.first_seed + seeds_from,
+        session.progress.sumo_runs,
+        shares_runs=problem.template.can_share_runs,
     )
 
 
@@ -161,14 +165,17 @@ def _surrogate_evaluator(problem: CalibrationProblem, engine: JaxSimulator, sess
 def _tallies_in_scenario(
     problem: CalibrationProblem, evaluator: Evaluator, plan: Budget
 ) -> Float[np.ndarray, "run tally"]:
-    """Tallies of the surrogate's successful runs with the scenario's values."""
+    """Tallies of the surrogate's successful runs with the scenario's values; none where all fail."""
     values = round_values(problem.template.base_values())
-    runs = evaluator.evaluate(values[None], evaluator.rounds_of(plan.noise_runs // 2), NOISE_OFFSET).tally[0]
+    try:
+        runs = evaluator.evaluate(values[None], evaluator.rounds_of(plan.noise_runs // 2), NOISE_OFFSET).tally[0]
+    except AllRunsFailedError:  # a surrogate that cannot drive there drives unlike SUMO
+        return np.zeros((0, len(problem.tally_names)))
     return runs[np.isfinite(runs).all(axis=1)]
 
 
 def _agreement_of_result(problem: CalibrationProblem, confirmation: Confirmation) -> Agreement:
     """Compare both simulators at the values that the search found."""
-    winner = confirmation.confirmed[confirmation.winner]
-    in_sumo = confirmation.tallies_of(confirmation.winner)
-    return compare_sections(problem, winner.surrogate, in_sumo, "at the values found")
+    in_surrogate = confirmation.confirmed[confirmation.winner].surrogate
+    in_sumo = confirmation.finalists[confirmation.winner].tallies
+    return compare_sections(problem, in_surrogate, in_sumo, "at the values found")

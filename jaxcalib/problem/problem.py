@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -232,20 +233,28 @@ def layout_of(parts: ScenarioParts, scenario: Scenario) -> ParameterLayout:
         raise CaseError(FILE_NAME, "behaviour.car_following", f"expected one of {known}, got {quote(model)}.")
     model = nearest_model(model)
     attributes = behaviour_parameters(FILE_NAME, model, parts.behaviour.parameters)
-    vtypes, factors, most = parts.behaviour.vtypes, (), ()
+    factors, most = (), ()
     if parts.behaviour.common == "factors":
-        own = [scenario.values_of(vtype) if vtype in scenario.demand.vtypes else {} for vtype in vtypes]
-        factors = tuple(tuple(_factor(each, own[0], attribute) for attribute in attributes) for each in own)
-        ranges = ranges_of(model)
-        most = tuple(1.0 if ranges[attribute].upper == 1.0 else float("inf") for attribute in attributes)
+        factors = _common_factors(parts.behaviour.vtypes, attributes, scenario)
+        ranges = ranges_of(model)  # a share stays one, however large its factor
+        most = tuple(1.0 if ranges[attribute].upper == 1.0 else math.inf for attribute in attributes) if factors else ()
     return ParameterLayout(
         input_ids=tuple(entrance.id for entrance in parts.inputs),
         input_flows=tuple(entrance.flows for entrance in parts.inputs),
-        vtypes=vtypes,
+        vtypes=parts.behaviour.vtypes,
         attributes=attributes,
-        factors=factors if any(factor != 1.0 for row in factors for factor in row) else (),
-        most=most if any(factor != 1.0 for row in factors for factor in row) else (),
+        factors=factors,
+        most=most,
     )
+
+
+def _common_factors(
+    vtypes: Sequence[str], attributes: Sequence[str], scenario: Scenario
+) -> tuple[tuple[float, ...], ...]:
+    """Factors between vTypes and the first of them, [vtype, attribute]; none where all are alike."""
+    own = [scenario.values_of(vtype) if vtype in scenario.demand.vtypes else {} for vtype in vtypes]
+    factors = tuple(tuple(_factor(each, own[0], attribute) for attribute in attributes) for each in own)
+    return () if all(factor == 1.0 for row in factors for factor in row) else factors
 
 
 def _factor(values: Mapping[str, float], of_first: Mapping[str, float], attribute: str) -> float:

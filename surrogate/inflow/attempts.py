@@ -78,20 +78,6 @@ def wanted_speed(
     return speed
 
 
-def behind_last_m_of(
-    on_lane: OnLane, classes: tuple[VehicleClass, ...], model: CarFollowingMix, speed: Candidate, step_s: float
-) -> Candidate:
-    """Return the place right behind the last vehicle, as close as is safe, or the lane's end."""
-    vehicles, last = on_lane.vehicles, on_lane.last
-    last_class = take(vehicles.vehicle_class, last)
-    brakes = CarFollowingMix(model.models, last_class).field("max_deceleration_mps2")
-    needed_m = model.secure_gap_m(speed, take(vehicles.speed_mps, last), brakes, step_s)
-    needed_m = needed_m + model.field("jam_gap_m") + SMALLEST_GAP_M
-    rear_m = take(vehicles.position_m, last) - select_by_class([c.length_m for c in classes], last_class)
-    latest_m = on_lane.end_m - SMALLEST_GAP_M
-    return jnp.where(last_class >= 0, jnp.minimum(latest_m, rear_m - needed_m), latest_m)
-
-
 def attempts_of(
     occurring: Sequence[Position],
     ways: Ways,

@@ -12,7 +12,7 @@ from surrogate.effects.apply import true_newcomers
 from surrogate.effects.base import Newcomers
 from surrogate.effects.settings import Effects
 from surrogate.inflow.inflow import ENTRANCE_STRIDE, Inflow, Queues, SubjectPlan, subject_identity
-from surrogate.inflow.newcomers import SMALLEST_GAP_M, Entrants, choose_lanes, new_vehicles, speed_factors
+from surrogate.inflow.newcomers import Entrants, behind_last_m, choose_lanes, new_vehicles, speed_factors
 from surrogate.keyed_random import Purpose, uniform
 from surrogate.road.neighbours import entry_ahead
 from surrogate.road.road import Road
@@ -80,12 +80,7 @@ def entrants(
     desired_mps = jnp.minimum(speed_factor * limit, top)
     speed = jnp.minimum(desired_mps, jnp.where(has_last & (last_m <= end_m), last_mps, limit))
     model = CarFollowingMix(tuple(c.car_following for c in classes), vehicle_class)
-    models_ahead = CarFollowingMix(model.models, last_class)
-    needed_m = model.secure_gap_m(speed, last_mps, models_ahead.field("max_deceleration_mps2"), step_s)
-    needed_m = needed_m + model.field("jam_gap_m") + SMALLEST_GAP_M
-    rear_m = last_m - select_by_class([c.length_m for c in classes], last_class)
-    latest_m = end_m - SMALLEST_GAP_M
-    position = jnp.where(has_last, jnp.minimum(latest_m, rear_m - needed_m), latest_m)
+    position = behind_last_m(vehicles, last, end_m, classes, model, speed, step_s)
     enters = is_waiting & is_served & (position >= start_m)
     enters = jnp.cumsum(~enters, axis=1) == 0  # nobody overtakes in the queue
 

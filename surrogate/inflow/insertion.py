@@ -17,11 +17,11 @@ from surrogate.effects.apply import true_newcomers
 from surrogate.effects.base import Newcomers
 from surrogate.effects.settings import Effects
 from surrogate.inflow.asking import Asking, who_asks
-from surrogate.inflow.attempts import attempts_of, behind_last_m_of, checked_speed, moved_on, wanted_speed, ways_of
+from surrogate.inflow.attempts import attempts_of, checked_speed, moved_on, wanted_speed, ways_of
 from surrogate.inflow.departure import ADAPTS, Lane, Position, Speed
 from surrogate.inflow.inflow import Inflow, Queues, SubjectPlan
 from surrogate.inflow.lane_choice import KEYS_PER_STEP, OnLane, first_of_each_lane, lane_preferences
-from surrogate.inflow.newcomers import Entrants, new_vehicles, speed_factors
+from surrogate.inflow.newcomers import Entrants, behind_last_m, new_vehicles, speed_factors
 from surrogate.keyed_random import Purpose, uniform
 from surrogate.road.neighbours import entry_ahead
 from surrogate.road.road import Road
@@ -120,9 +120,9 @@ def entrants_by_rule(
     # where and when: at each step since the last decision, the first first
     model = CarFollowingMix(tuple(c.car_following for c in classes), vehicle_class)
     length = select_by_class([c.length_m for c in classes], vehicle_class)
-    behind_last_m = behind_last_m_of(on_lane, classes, model, speed, step_s)
+    nearest_m = behind_last_m(on_lane.vehicles, on_lane.last, on_lane.end_m, classes, model, speed, step_s)
     position, ago_s, is_tried = attempts_of(
-        rules.positions, ways, start_m, end_m, length, behind_last_m, seed, asking.identity, state.step, num_steps,
+        rules.positions, ways, start_m, end_m, length, nearest_m, seed, asking.identity, state.step, num_steps,
         step_s,
     )  # fmt: skip
     position, ago_s, is_tried = materialise((position, ago_s, is_tried))

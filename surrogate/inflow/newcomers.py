@@ -12,7 +12,8 @@ from surrogate.effects.settings import Effects
 from surrogate.inflow.inflow import Inflow
 from surrogate.keyed_random import Purpose, uniform
 from surrogate.road.traffic_state import UNSEEN, VehicleArrays
-from surrogate.vehicle.vehicle_class import VehicleClass, select_by_class
+from surrogate.vehicle.vehicle_class import CarFollowingMix, VehicleClass, select_by_class
+from surrogate.xla.gather import take
 
 SMALLEST_GAP_M = 0.1  # SUMO's POSITION_EPS
 NOBODY_WAITS = -1  # in a list of those who wait
@@ -119,3 +120,24 @@ def new_vehicles(
         stop_position_m=jnp.full_like(zero, jnp.inf),
     )
     return newcomers if effects is None else with_memories(effects, newcomers, seed)
+
+
+def behind_last_m(
+    vehicles: VehicleArrays,
+    last: Int[Array, "entrance lane"],
+    end_m: Float[Array, "entrance lane"],
+    classes: tuple[VehicleClass, ...],
+    model: CarFollowingMix,
+    speed_mps: Float[Array, "entrance lane"],
+    step_s: float,
+) -> Float[Array, "entrance lane"]:
+    """Return the place right behind the last vehicle on a lane, as close as is safe, or the lane's end."""
+    last_class, last_m, last_mps = (
+        take(values, last) for values in (vehicles.vehicle_class, vehicles.position_m, vehicles.speed_mps)
+    )
+    models_ahead = CarFollowingMix(model.models, last_class)
+    needed_m = model.secure_gap_m(speed_mps, last_mps, models_ahead.field("max_deceleration_mps2"), step_s)
+    needed_m = needed_m + model.field("jam_gap_m") + SMALLEST_GAP_M
+    rear_m = last_m - select_by_class([c.length_m for c in classes], last_class)
+    latest_m = end_m - SMALLEST_GAP_M
+    return jnp.where(last_class >= 0, jnp.minimum(latest_m, rear_m - needed_m), latest_m)

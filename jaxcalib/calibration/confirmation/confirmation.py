@@ -1,6 +1,7 @@
 """Finalists in SUMO: what the surrogate lacks is learnt from these runs, and the search goes on corrected for it."""
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -14,6 +15,7 @@ from jaxcalib.calibration.stages.search_box import search_box
 from jaxcalib.calibration.stages.search_run import CourseEntry, Judged, SearchRun
 from jaxcalib.calibration.stages.two_stage import TwoStageResult
 from jaxcalib.initial_values.initial_point import InitialPoint
+from jaxcalib.problem.parameter_space import ParameterSpace
 from jaxcalib.runs.seeds import NOISE_OFFSET
 from jaxcalib.runs.session import Session
 from sim_adapters.interface import RunOutcome
@@ -33,6 +35,7 @@ class Finalist:
     accuracy: float  # in SUMO
     surrogate_accuracy: float  # in the surrogate, as the search saw it, corrected by what was known before
     origin: str  # where it comes from
+    tallies: Float[np.ndarray, "run tally"]  # of its successful drives in SUMO
 
 
 @dataclass(frozen=True)
@@ -47,13 +50,6 @@ class Confirmation:
     confirmed: tuple[Confirmed, ...]  # what both simulators showed of each finalist
     polishes: tuple[Optimisation, ...]  # what each corrected search reported
     outcomes: tuple[RunOutcome, ...]  # all drives of the finalists in SUMO
-    num_drives_each: int  # drives of one finalist in SUMO
-
-    def tallies_of(self, place: int) -> Float[np.ndarray, "run tally"]:
-        """Return the tallies of a finalist's successful drives in SUMO."""
-        first = place * self.num_drives_each
-        outcomes = self.outcomes[first : first + self.num_drives_each]
-        return np.asarray([outcome.observed for outcome in outcomes if outcome.status.is_ok], float)
 
     @property
     def best(self) -> Float[np.ndarray, " parameter"]:
@@ -64,6 +60,51 @@ class Confirmation:
     def num_sumo_runs(self) -> int:
         """SUMO runs of the finalists; drives may have shared some."""
         return len(shared_runs([outcome.request for outcome in self.outcomes]))
+
+
+class FinalistRuns(NamedTuple):
+    """What both simulators made of a candidate; it is no finalist where one of them failed."""
+
+    outcomes: tuple[RunOutcome, ...]  # its drives in SUMO
+    finalist: Finalist | None
+    confirmed: Confirmed | None
+
+
+@dataclass(frozen=True)
+class Finals:
+    """Runs candidates in both simulators, as many times each."""
+
+    space: ParameterSpace
+    surrogate: Evaluator
+    sumo: Evaluator  # on seeds that no search has seen
+    plan: Budget
+    session: Session  # told of the time that the surrogate takes
+
+    def run(self, unit: Float[np.ndarray, " parameter"], origin: str, objective: Objective) -> FinalistRuns:
+        """Run a point of the unit cube, and judge it by SUMO's runs; the surrogate's are corrected by the objective."""
+        values = self.space.values_of(unit[None])
+        num_sumo, num_surrogate = self.sumo.rounds_of(self.plan.confirmation_runs), self.num_surrogate
+        in_sumo, worth = self.sumo.evaluate(values, num_sumo), self.sumo.worth(num_sumo)
+        with self.session.stopwatch.time(CORRECTED_SEARCH):
+            in_surrogate = self.surrogate.evaluate(values, num_surrogate, NOISE_OFFSET)
+        nobody = FinalistRuns(in_sumo.outcomes[0], None, None)
+        if not in_sumo.is_ok[0] or not in_surrogate.is_ok[0]:
+            return nobody
+        rounded = self.space.unit_of(values)
+        seen = objective.accuracy(objective.residuals(rounded, in_surrogate.pooled, num_surrogate))
+        plain = replace(objective, discrepancy=None)
+        accuracy = float(plain.accuracy(plain.residuals(rounded, in_sumo.pooled, worth))[0])
+        if not np.isfinite(accuracy):
+            return nobody  # SUMO never showed one of the moments: nothing can be said of it, as of a failed run
+        tallies = in_sumo.tally[0]
+        finalist = Finalist(unit, accuracy, float(seen[0]), origin, tallies[np.isfinite(tallies).all(axis=1)])
+        confirmed = Confirmed(unit, in_surrogate.pooled[0], num_surrogate, in_sumo.pooled[0], worth)
+        return FinalistRuns(in_sumo.outcomes[0], finalist, confirmed)
+
+    @property
+    def num_surrogate(self) -> int:
+        """Runs of a candidate in the surrogate."""
+        return self.surrogate.rounds_of(self.plan.noise_runs)
 
 
 def confirm(
@@ -86,9 +127,7 @@ def confirm(
     """
     session.progress.stage(CONFIRMATION)
     space, objective = initial.space, found.objective
-    num_sumo = sumo.rounds_of(budget.confirmation_runs)
-    worth = sumo.worth(num_sumo)
-    num_surrogate = surrogate.rounds_of(budget.noise_runs)
+    finals = Finals(space, surrogate, sumo, budget, session)
     course: list[CourseEntry] = found.course
     confirmed: list[Confirmed] = []
     finalists: list[Finalist] = []
@@ -97,29 +136,19 @@ def confirm(
     judged: list[Judged] = list(found.judged)
     unit, origin = found.best, "two stages"
     for number in range(budget.confirmation_rounds):
-        values = space.values_of(unit[None])
-        in_sumo = sumo.evaluate(values, num_sumo)
-        outcomes += in_sumo.outcomes[0]
-        with session.stopwatch.time(CORRECTED_SEARCH):
-            in_surrogate = surrogate.evaluate(values, num_surrogate, NOISE_OFFSET)
-        if not in_sumo.is_ok[0] or not in_surrogate.is_ok[0]:
+        runs = finals.run(unit, origin, objective)
+        outcomes += runs.outcomes
+        if runs.finalist is None or runs.confirmed is None:
             break
-        run = SearchRun(surrogate, space, objective, course)
-        seen = run.rejudge(in_surrogate.pooled, values, num_surrogate)
-        plain = replace(objective, discrepancy=None)
-        residuals = plain.residuals(seen.unit, in_sumo.pooled, worth)
-        accuracy = float(plain.accuracy(residuals)[0])
-        if not np.isfinite(accuracy):
-            break  # SUMO never showed one of the moments: nothing can be said of these values, as of a failed run
-        finalists.append(Finalist(unit, accuracy, float(seen.accuracy[0]), origin))
+        finalists.append(runs.finalist)
         session.progress.best(max(one.accuracy for one in finalists))
-        confirmed.append(Confirmed(unit, in_surrogate.pooled[0], num_surrogate, in_sumo.pooled[0], worth))
+        confirmed.append(runs.confirmed)
         discrepancy = learn_discrepancy(objective.moments, objective.covariance, objective.num_drives, confirmed)
         objective = replace(objective, discrepancy=discrepancy)
         if number + 1 == budget.confirmation_rounds:
             break
         with session.stopwatch.time(CORRECTED_SEARCH):
-            run = run.with_objective(objective)
+            run = SearchRun(surrogate, space, objective, course)
             best = max(finalists, key=lambda one: one.accuracy).unit
             box = search_box(best, range(len(space.names)), found.half_width)
             num_polish = surrogate.rounds_of(budget.polish_runs)
@@ -143,7 +172,6 @@ def confirm(
         confirmed=tuple(confirmed),
         polishes=tuple(polishes),
         outcomes=tuple(outcomes),
-        num_drives_each=num_sumo,
     )
 
 

@@ -25,6 +25,7 @@ from jaxcalib.calibration.result.simulation_health import health_of, unfinished_
 from jaxcalib.calibration.result.uncertainty import parameter_errors
 from jaxcalib.calibration.stages.evaluator import Evaluations
 from jaxcalib.calibration.stages.screening import Screening
+from jaxcalib.calibration.value_search import AGREEMENT
 from jaxcalib.case.case import ROLES, Role
 from jaxcalib.measures.measure import MeasureValue
 from jaxcalib.runs.run_folder import LIBRARIES
@@ -33,7 +34,7 @@ from sim_adapters.interface import RunOutcome
 from sim_adapters.scenario.finding import sorted_findings
 
 NEAR_BOUND = 0.005  # of the unit range
-SEARCH_PARTS = ("stage1", "stage2_exploration", "stage2_optimisation", "corrected_search")
+SEARCH_PARTS = (AGREEMENT, "stage1", "stage2_exploration", "stage2_optimisation", "corrected_search")
 
 
 def build_result(record: CalibrationRecord) -> CalibrationResult:
@@ -87,7 +88,7 @@ def build_result(record: CalibrationRecord) -> CalibrationResult:
             "surrogate_agrees": bool(record.agreements) and all(one.holds for one in record.agreements),
             "surrogate_ranks_alike": record.confirmation.agrees,
             "agreement": [one.as_table() for one in record.agreements],
-            "searched_in_sumo": record.num_sumo_search_runs > 0,
+            "searched_in_sumo": record.is_in_sumo,
             "discrepancy_in_noise": record.confirmation.discrepancy.amplitude,
             "noise_floor_accuracy": record.found.objective.noise_floor_accuracy,
             "flow_accuracy_stage1_stage2_polish": list(record.found.stage_1_accuracy),
@@ -142,14 +143,14 @@ def _mops(
     sources: dict[str, dict[str, np.ndarray | None]] = {
         "field": {role: problem.field_of(role).sum(axis=0) for role in ROLES},
         "surrogate": {
-            "fit": None if record.num_sumo_search_runs else winner.surrogate_runs * winner.surrogate,
+            "fit": None if record.is_in_sumo else winner.surrogate_runs * winner.surrogate,
             "held_out": _summed(record.surrogate_on_held_out),
         },
         "sumo": {role: calibrated[role].tally.sum(axis=0) for role in ROLES},
     }
     if sources["surrogate"]["held_out"] is None:
         notes["mops.surrogate.held_out"] = "no held-out drive, or the surrogate failed on them"
-    if record.num_sumo_search_runs:
+    if record.is_in_sumo:
         notes["mops.surrogate.fit"] = "SUMO made the search's runs; see warnings for what the surrogate cannot follow"
     return {
         source: {
@@ -273,10 +274,11 @@ def _timing(record: CalibrationRecord) -> dict[str, float]:
     runs = [outcome.wall_s for outcome in final if outcome.status.is_ok]
     sumo_run_s = float(np.mean(runs)) if runs else float("nan")
     search_s = sum(record.wall_s.get(part, 0.0) for part in SEARCH_PARTS)
+    num_runs = 0 if record.is_in_sumo else record.num_surrogate_runs  # there is no surrogate's search to compare
     return {
         "search_s": search_s,
         "sumo_run_s": sumo_run_s,
         "sumo_processes": float(record.num_sumo_processes),
-        "search_in_sumo_s": record.num_surrogate_runs * sumo_run_s / record.num_sumo_processes,
-        "speed_ratio": record.num_surrogate_runs * sumo_run_s / record.num_sumo_processes / max(search_s, 1e-9),
+        "search_in_sumo_s": num_runs * sumo_run_s / record.num_sumo_processes,
+        "speed_ratio": num_runs * sumo_run_s / record.num_sumo_processes / max(search_s, 1e-9),
     }

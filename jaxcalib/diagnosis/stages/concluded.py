@@ -59,14 +59,14 @@ def refuse_drives(session: DiagnosisSession, calibrated: Calibrated, error: NotT
     plan, searched = session.plan, calibrated.searched
     num_trials = 2 * len(session.problem.layout.names) + 1
     runs = {
-        "surrogate": searched.evaluator.num_runs + num_trials * plan.first_slope_runs,
+        "surrogate": searched.num_surrogate_runs + num_trials * plan.first_slope_runs,
         "sumo": searched.confirmation.num_sumo_runs + num_runs_for(session.problem, plan.first_null_drives),
     }
     return refuse(session.problem, searched.values, str(error), runs, session.wall_s)
 
 
 def _num_surrogate_runs(calibrated: Calibrated, simulated: Simulated, book: TrialBook) -> int:
-    return calibrated.searched.evaluator.num_runs + book.num_runs + simulated.converged.num_surrogate_runs
+    return calibrated.searched.num_surrogate_runs + book.num_runs + simulated.converged.num_surrogate_runs
 
 
 def _num_sumo_runs(

@@ -1,11 +1,17 @@
 """What is said of the scenario after its first runs in SUMO, before any search."""
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
+import pytest
 
+from jaxcalib.calibration import scenario_runs
 from jaxcalib.calibration.confirmation.final_errors import FinalRuns
-from jaxcalib.calibration.scenario_runs import scenario_warnings
+from jaxcalib.calibration.scenario_runs import scenario_warnings, start_scenario_runs
+from jaxcalib.calibration.stages.evaluator import AllRunsFailedError, Evaluator
+from jaxcalib.calibration.value_search import _tallies_in_scenario
 from sim_adapters.interface import RunOutcome, RunRequest, Status
 
 OUTCOME = RunOutcome(RunRequest((1.0,), 3, 60.0), Status.OK, np.ones(4), np.asarray([100, 20]), np.asarray([99, 20]), 0)
@@ -36,3 +42,33 @@ def test_one_that_does_not_arrive_is_told_with_what_to_change() -> None:
 def test_demand_that_finds_no_room_is_told_with_its_share() -> None:
     (line,) = warnings_of(replace(OUTCOME, num_inserted=np.asarray([60, 20])))
     assert line.startswith("33% of the scenario's vehicles had not entered")
+
+
+PROBLEM: Any = SimpleNamespace(
+    template=SimpleNamespace(base_values=lambda: np.asarray([1.0])),
+    departs_s=lambda role: (60.0,),
+    tally_names=("a", "b", "c", "d"),
+)
+PLAN: Any = SimpleNamespace(final_fit_runs=2, noise_runs=4)
+
+
+def test_a_scenario_of_which_no_run_succeeds_is_refused_with_sumo_s_last_words(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail() -> None:
+        raise AllRunsFailedError(
+            "all 2 runs failed: the subject vehicle never entered; the entrance was full", "a word"
+        )
+
+    monkeypatch.setattr(scenario_runs, "start_final_runs", lambda *arguments, **options: fail)
+    wait = start_scenario_runs(PROBLEM, SimpleNamespace(), PLAN, SimpleNamespace())  # pyright: ignore
+    with pytest.raises(AllRunsFailedError, match="cannot run the scenario as it is: all 2 runs failed") as error:
+        wait()
+    assert error.value.log_tail == "a word"
+
+
+@pytest.mark.parametrize(("status", "num_tallies"), [(Status.OK, 2), (Status.OVERFULL, 0)])
+def test_a_surrogate_that_fails_in_the_scenario_leaves_it_to_sumo(status: Status, num_tallies: int) -> None:
+    """It ends no calibration that SUMO can make: without a tally no section is alike."""
+    outcome = replace(OUTCOME, status=status, observed=np.ones(4) if status.is_ok else None)
+    simulator: Any = SimpleNamespace(run=lambda requests: [replace(outcome, request=request) for request in requests])
+    tallies = _tallies_in_scenario(PROBLEM, Evaluator(simulator, (60.0,), 1), PLAN)
+    assert tallies.shape == (num_tallies, 4)

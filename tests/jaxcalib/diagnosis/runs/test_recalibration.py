@@ -10,7 +10,7 @@ import pytest
 
 from jaxcalib.calibration.confirmation.confirmation import Confirmation
 from jaxcalib.calibration.stages.budget import Budget
-from jaxcalib.calibration.stages.evaluator import AllRunsFailedError, Evaluator
+from jaxcalib.calibration.stages.evaluator import AllRunsFailedError
 from jaxcalib.calibration.stages.two_stage import TwoStageResult
 from jaxcalib.calibration.value_search import SearchedValues
 from jaxcalib.diagnosis.runs import recalibration
@@ -73,8 +73,10 @@ def test_the_search_is_made_with_the_effects_and_its_difference_counts(monkeypat
     found = cast(TwoStageResult, SimpleNamespace(best=np.asarray([0.4, 0.5])))
     initial = cast(InitialPoint, SimpleNamespace(space=Space()))
     budget = cast(Budget, None)
-    nobody = cast(Confirmation, None), cast(Evaluator, None)
-    searched = SearchedValues(budget, initial, found, *nobody, agreements=(), is_in_sumo=False, warnings=())
+    searched = SearchedValues(
+        budget, initial, found, cast(Confirmation, None), agreements=(), is_in_sumo=False, num_surrogate_runs=0,
+        num_sumo_search_runs=0, warnings=(),
+    )  # fmt: skip
     with open_session(None, {}, seed=2) as session:
         recalibrator = Recalibrator(problem, searched, np.asarray([21.0, 2.0]), budget, session)
         values = recalibrator.values(effects)
