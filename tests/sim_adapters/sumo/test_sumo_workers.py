@@ -39,7 +39,7 @@ def make_runs(corridor: Scenario, layout: ParameterLayout, tmp_path: Path, monke
     ) -> list[RunOutcome]:
         if worker is not None:
             monkeypatch.setattr(sumo_simulator, "run_job", worker)
-        # a run that the pool forgets as its worker dies ends by its longest time (github.com/noxdafox/pebble/issues/153)
+        # a run that the pool forgets as its worker dies ends by its longest time (noxdafox/pebble, issue 153)
         options.setdefault("longest_run_s", 60.0)
         before = sorted(path for path in tmp_path.iterdir() if path.is_dir())
         simulator = SumoSimulator(
