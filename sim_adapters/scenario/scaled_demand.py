@@ -16,6 +16,7 @@ COPY = ".copy"
 
 def scale_flow(element: ET.Element, factor: float) -> None:
     """Multiply a flow's rate, in whichever attribute it stands."""
+    factor = float(factor)  # NumPy's numbers write their type as well
     period = (element.get("period") or "").strip()
     random = re.fullmatch(r"exp\(([^)]*)\)", period)
     hourly = next((key for key in HOURLY if element.get(key)), None)

@@ -41,10 +41,11 @@ def with_vans(own_corridor: Path) -> Path:
     return own_corridor / "scenario/scenario.sumocfg"
 
 
-def test_both_simulators_get_the_same(with_vans: Path, tmp_path: Path):
+@pytest.mark.parametrize("values", [VALUES, tuple(np.asarray(VALUES))], ids=["float", "numpy"])
+def test_both_simulators_get_the_same(values: tuple[float, ...], with_vans: Path, tmp_path: Path):
     scenario = read_scenario(with_vans, "ego", 720.0)
     template = build_template(scenario, SCALED)
-    world = template.world(jnp.asarray(VALUES, jnp.float32), jnp.asarray(1), jnp.asarray(300.0, jnp.float32))
+    world = template.world(jnp.asarray(values, jnp.float32), jnp.asarray(1), jnp.asarray(300.0, jnp.float32))
     classes = dict(zip(template.class_names, world.classes, strict=True))
     expected = {vtype: SCALED.values_of(vtype, VALUES[1:]) for vtype in SCALED.vtypes}
     assert set(expected) <= set(classes)
@@ -53,7 +54,11 @@ def test_both_simulators_get_the_same(with_vans: Path, tmp_path: Path):
         np.testing.assert_allclose(classes[vtype].lane_change.cooperative, attributes["lcCooperative"], rtol=1e-6)
     out = tmp_path / "out"
     out.mkdir()
-    written = write_scenario(scenario, SCALED, VALUES, 300.0, "ego", out, is_handed_over=True)
+    written = write_scenario(scenario, SCALED, values, 300.0, "ego", out, is_handed_over=True)
     again = read_scenario(written.config, "ego", 720.0)
+    rates = {flow.id: flow.rate_vehps for flow in scenario.flows}
+    scaled = {flow.id: flow.rate_vehps for flow in again.flows if flow.id in ("f_main_o1", "f_main_e")}
+    factor = VALUES[0] / template.base_demand_vehph()[0]
+    assert scaled == pytest.approx({name: factor * rates[name] for name in scaled}, rel=1e-6)
     for vtype, attributes in expected.items():
         assert {name: again.values_of(vtype)[name] for name in attributes} == pytest.approx(attributes, rel=1e-6)
