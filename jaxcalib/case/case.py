@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 from typing import Literal
 
@@ -74,6 +75,7 @@ class Input:
 
     id: str  # its name
     flows: tuple[str, ...]  # ids of the flows that are scaled together, their shares kept
+    windows_s: tuple[float, ...] = ()  # begin of each window of time with a factor of its own; none for one factor
 
 
 @dataclass(frozen=True)
@@ -145,7 +147,7 @@ def read_case(folder: Path | str) -> Case:
         scenario=scenario,
         subject=table.subject and _subject(table.subject),
         behaviour=table.behaviour and _behaviour(table.behaviour),
-        inputs=tuple(Input(entrance.id, entrance.flows) for entrance in table.input),
+        inputs=tuple(Input(entrance.id, entrance.flows, entrance.windows_s) for entrance in table.input),
     )
 
 
@@ -220,6 +222,12 @@ def _check_names(table: CaseTable) -> None:
                     f"expected each flow once, got {quote(flow)}, which input {quote(flow_of[flow])} has too.",
                 )
             flow_of[flow] = entrance.id
+        if any(later <= earlier for earlier, later in pairwise(entrance.windows_s)):
+            raise CaseError(
+                FILE_NAME,
+                f"input[{entrance.id}].windows_s",
+                f"expected rising times, got {', '.join(f'{begin_s:g}' for begin_s in entrance.windows_s)}.",
+            )
     if table.behaviour:
         for key, names in [("vtypes", table.behaviour.vtypes), ("parameters", table.behaviour.parameters or ())]:
             for index, name in enumerate(names):

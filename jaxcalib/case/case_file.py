@@ -87,6 +87,9 @@ class InputSection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     id: Name
     flows: Names
+    windows_s: Annotated[
+        tuple[Instant, ...], Meta(min_length=2, description="a list of at least two numbers >= 0 and at most 1e7")
+    ] = ()
 
 
 class DriveSection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

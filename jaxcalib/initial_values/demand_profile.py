@@ -5,6 +5,7 @@ subject vehicle samples that volume in a window that moves with it, so single se
 inflows keep those that the logs hardly show near where they are (ridge towards the scenario).
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -45,6 +46,7 @@ def estimate_demand(
     road: ObservedRoad,
     field: SectionVolumes,
     in_scenario: SectionVolumes | None = None,
+    observed_s: Sequence[tuple[float, float]] = (),
 ) -> DemandEstimate:
     """Estimate the inputs from the volume on each section.
 
@@ -59,10 +61,12 @@ def estimate_demand(
         field: volumes that the field's drives show.
         in_scenario: volumes that simulated drives show in the scenario as it is; what the demand would be without any
             drive, where None.
+        observed_s: begin and end of each of the field's drives on the scenario's clock: what comes at another time is
+            not seen. All of it is where there are none.
     """
     base = template.base_demand_vehph()
-    passing = _passing_shares(scenario, template, road) * base
-    steady_vehph = passing.sum(axis=1) + _fixed_volume(scenario, template, road)
+    passing, fixed_vehph = _steady_volumes(scenario, template, road, observed_s)
+    steady_vehph = passing.sum(axis=1) + fixed_vehph
     believed = SectionVolumes(steady_vehph, np.zeros(len(steady_vehph))) if in_scenario is None else in_scenario
     error_vehph = np.hypot(field.error_vehph, believed.error_vehph)
     seen = np.isfinite(field.vehph - believed.vehph) & np.isfinite(error_vehph) & (error_vehph > 0)
@@ -91,29 +95,26 @@ def demand_covariance(scenario_vehph: np.ndarray) -> np.ndarray:
     return np.outer(scenario_vehph, scenario_vehph) * relative
 
 
-def _passing_shares(scenario: Scenario, template: WorldTemplate, road: ObservedRoad) -> np.ndarray:
-    """Return the share of each input's vehicles that pass each section, weighted by how much of it they pass."""
-    shares = np.zeros((road.num_sections, template.layout.num_inputs + 1))
-    total = np.zeros(template.layout.num_inputs + 1)
-    for flow, chosen, rate in _flows(scenario, template):
-        shares[:, chosen] += rate * _part_passed(scenario, flow, road)
-        total[chosen] += rate
-    return shares[:, :-1] / np.maximum(total[:-1], 1e-12)
+def _steady_volumes(
+    scenario: Scenario, template: WorldTemplate, road: ObservedRoad, observed_s: Sequence[tuple[float, float]]
+) -> tuple[Float[np.ndarray, "section input"], Float[np.ndarray, " section"]]:
+    """Volume that each input, and all that belongs to none, brings to each section while drives are under way, veh/h.
 
-
-def _fixed_volume(scenario: Scenario, template: WorldTemplate, road: ObservedRoad) -> np.ndarray:
-    """Return the volume of flows that belong to no input."""
-    volume = np.zeros(road.num_sections)
-    for flow, chosen, rate in _flows(scenario, template):
-        if chosen == template.layout.num_inputs:
-            volume += rate * SECONDS_PER_HOUR * _part_passed(scenario, flow, road)
-    return volume
-
-
-def _flows(scenario: Scenario, template: WorldTemplate) -> list[tuple[tuple[str, ...], int, float]]:
+    A section that a route reaches in part counts in part.
+    """
     input_of = {flow: index for index, flows in enumerate(template.layout.input_flows) for flow in flows}
-    none = template.layout.num_inputs
-    return [(flow.route, input_of.get(flow.id, none), flow.rate_vehps) for flow in scenario.flows]
+    volume = np.zeros((road.num_sections, template.layout.num_inputs + 1))
+    for flow in scenario.flows:
+        vehph = flow.rate_vehps * SECONDS_PER_HOUR * _share_observed(flow.begin_s, flow.end_s, observed_s)
+        volume[:, input_of.get(flow.id, -1)] += vehph * _part_passed(scenario, flow.route, road)
+    return volume[:, :-1], volume[:, -1]
+
+
+def _share_observed(begin_s: float, end_s: float, observed_s: Sequence[tuple[float, float]]) -> float:
+    """Share of the drives' time in which a flow comes."""
+    inside_s = sum(max(0.0, min(end_s, until_s) - max(begin_s, from_s)) for from_s, until_s in observed_s)
+    all_s = sum(until_s - from_s for from_s, until_s in observed_s)
+    return inside_s / all_s if all_s > 0.0 else 1.0
 
 
 def _part_passed(scenario: Scenario, route: tuple[str, ...], road: ObservedRoad) -> np.ndarray:

@@ -68,7 +68,12 @@ def find_initial_point(
         seed,
     )
     demand = demand_from_logs(problem, in_scenario())
-    space = space_around(demand.values_vehph)
+    space = space_around(np.minimum(demand.values_vehph, problem.template.most_demand_vehph))
+    for number, most_vehph in enumerate(problem.template.most_demand_vehph):
+        bounds_vehph = space.ranges[number]
+        if bounds_vehph.upper > most_vehph:
+            lower_vehph = min(bounds_vehph.lower, (1.0 - scaling_factor) * most_vehph)
+            space = space.with_range(space.names[number], lower_vehph, float(most_vehph))
     values = np.clip(np.concatenate([demand.values_vehph, drivers.values]), space.lower, space.upper)
     inflow_error = np.hypot(demand.error_vehph, LEAST_INFLOW_ERROR * demand.values_vehph)
     width = (space.upper - space.lower)[: layout.num_inputs]
@@ -112,7 +117,12 @@ def demand_from_logs(
     """
     scenario_volume = None if in_scenario is None or not len(in_scenario) else section_volumes(problem, in_scenario)
     field_volume = section_volumes(problem, problem.field_of("fit"))
-    return estimate_demand(problem.scenario, problem.template, problem.road, field_volume, scenario_volume)
+    observed_s = [
+        (drive.depart_s, drive.depart_s + float(np.ptp(log.subject.time_s)))
+        for drive, log in zip(problem.case.drives, problem.drives, strict=True)
+        if drive.role == "fit"
+    ]
+    return estimate_demand(problem.scenario, problem.template, problem.road, field_volume, scenario_volume, observed_s)
 
 
 def section_volumes(problem: CalibrationProblem, tallies: Float[np.ndarray, "drive tally"]) -> SectionVolumes:

@@ -9,7 +9,7 @@ import numpy as np
 from jaxcalib.field.map_matching import match_points
 from jaxcalib.field.route_geometry import RouteGeometry
 from jaxcalib.new_case.recorded_drives import RecordedDrive
-from jaxcalib.problem.problem import found_inputs
+from jaxcalib.problem.inputs import found_inputs
 from sim_adapters.scenario.scenario import DEFAULT_MODEL, Scenario
 from sim_adapters.units import vehph_from_vehps
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import jax.numpy as jnp
 import numpy as np
 
-from jaxcalib.case.case import Case, Input, Role, ScenarioParts, read_case, require_scenario
+from jaxcalib.case.case import Case, Role, ScenarioParts, read_case, require_scenario
 from jaxcalib.case.case_file import FILE_NAME
 from jaxcalib.errors import CaseError, quote
 from jaxcalib.field.field_log import DriveLog, read_drives
@@ -22,6 +22,7 @@ from jaxcalib.measures.observed_road import ObservedRoad, observe_road
 from jaxcalib.measures.registry import all_folds, all_measures
 from jaxcalib.measures.scene import MeasureSettings
 from jaxcalib.measures.whole_drive import WholeDriveFold
+from jaxcalib.problem.inputs import read_scenario_of
 from jaxcalib.problem.parameter_space import behaviour_parameters, ranges_of
 from jaxcalib.problem.problem_checks import (
     clock_faults,
@@ -34,9 +35,8 @@ from jaxcalib.problem.problem_checks import (
 )
 from sim_adapters.errors import ScenarioError
 from sim_adapters.interface import ParameterLayout
-from sim_adapters.scenario.scenario import Scenario, read_scenario
+from sim_adapters.scenario.scenario import Scenario
 from sim_adapters.scenario.sumo_names import NEAREST_MODEL, SUMO_MODELS, nearest_model
-from sim_adapters.sumo.loading import load_in_sumo
 from sim_adapters.world.logged_drive import LoggedDrive, resample
 from sim_adapters.world.world_builder import WorldTemplate, build_template
 from surrogate.subject.registry import REPLAY
@@ -137,10 +137,7 @@ def read_problem(folder: Path | str, *, as_stated: bool = False) -> CalibrationP
     case = read_case(folder)
     parts = require_scenario(case)
     try:
-        scenario = read_scenario(
-            parts.scenario.config_file, parts.subject.vehicle, parts.scenario.duration_s, load_in_sumo
-        )
-        parts = dataclasses.replace(parts, inputs=parts.inputs or found_inputs(scenario))
+        scenario, parts = read_scenario_of(parts)
         raise_first([*model_faults(scenario, parts), *input_faults(scenario, parts)])
         layout = layout_of(parts, scenario)
         raise_first(clock_faults(scenario, parts, case))
@@ -209,16 +206,6 @@ def _logged_drives(
 def frame_interval_s(step_s: float) -> float:
     """The whole number of steps that is nearest to half a second; at least one step."""
     return max(1, round(FRAME_INTERVAL_S / step_s)) * step_s
-
-
-def found_inputs(scenario: Scenario) -> tuple[Input, ...]:
-    """One input for each edge at which background traffic enters, named by that edge."""
-    flows = {edge: [flow for flow in scenario.flows if flow.route[0] == edge] for edge in scenario.entrances}
-    return tuple(
-        Input(edge, tuple(dict.fromkeys(flow.id for flow in coming)))
-        for edge, coming in flows.items()
-        if sum(flow.rate_vehps for flow in coming) > 0.0
-    )
 
 
 def layout_of(parts: ScenarioParts, scenario: Scenario) -> ParameterLayout:

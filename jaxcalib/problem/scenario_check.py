@@ -9,7 +9,8 @@ import numpy as np
 from jaxcalib.case.case import ScenarioParts, read_case, require_scenario
 from jaxcalib.errors import CaseError
 from jaxcalib.field.field_log import read_drives, table_faults
-from jaxcalib.problem.problem import found_inputs, frame_interval_s, layout_of
+from jaxcalib.problem.inputs import read_scenario_of
+from jaxcalib.problem.problem import frame_interval_s, layout_of
 from jaxcalib.problem.problem_checks import (
     clock_faults,
     coverage_warnings,
@@ -20,9 +21,8 @@ from jaxcalib.problem.problem_checks import (
 from sim_adapters.errors import ScenarioError
 from sim_adapters.scenario.demand_file import Flow
 from sim_adapters.scenario.finding import Finding, Level, sorted_findings
-from sim_adapters.scenario.scenario import Scenario, read_scenario
+from sim_adapters.scenario.scenario import Scenario
 from sim_adapters.sumo.first_run import FirstRun, start_first_run
-from sim_adapters.sumo.loading import load_in_sumo
 
 FIRST_RUN_S = 1.5  # computing time of SUMO's first run; what it does not reach shows in the runs before a search
 WORTH_SAYING = 0.05  # share of an entrance's vehicles that wait outside
@@ -60,9 +60,7 @@ def check_case(folder: Path | str, *, first_run_s: float = FIRST_RUN_S) -> CaseC
     case = read_case(folder)
     parts = require_scenario(case)
     try:
-        scenario = read_scenario(
-            parts.scenario.config_file, parts.subject.vehicle, parts.scenario.duration_s, load_in_sumo
-        )
+        scenario, parts = read_scenario_of(parts)
     except ScenarioError as error:
         faults = [*(CaseError(one.file, "", one.message) for one in (error, *error.others)), *table_faults(case)]
         return CaseCheck(case.name, {}, (), (), tuple(map(str, faults)))
@@ -91,7 +89,7 @@ def check_case(folder: Path | str, *, first_run_s: float = FIRST_RUN_S) -> CaseC
         refusals.append(_never_entered(scenario, parts, first_depart_s))
     return CaseCheck(
         name=case.name,
-        inputs={entrance.id: entrance.flows for entrance in parts.inputs or found_inputs(scenario)},
+        inputs={entrance.id: entrance.flows for entrance in parts.inputs},
         findings=tuple(sorted_findings(scenario.findings)),
         warnings=(
             *scenario.warnings,

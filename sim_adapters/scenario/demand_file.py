@@ -28,6 +28,7 @@ from sim_adapters.scenario.demand_elements import (
     rate_of,
     time_of,
 )
+from sim_adapters.scenario.demand_windows import Windows, cut_flows
 from sim_adapters.scenario.finding import Finding, Level
 from sim_adapters.scenario.sumo_files import read_xml
 
@@ -111,6 +112,7 @@ def read_demand(
     options: Mapping[str, str] | None = None,
     scale: float = 1.0,
     find_route: FindRoute = lambda origin, destination, via, vtype: None,
+    windows: Windows | None = None,
 ) -> Demand:
     """Read everything that drives.
 
@@ -122,6 +124,7 @@ def read_demand(
         options: of the configuration, for departures that say nothing.
         scale: SUMO's factor on all demand.
         find_route: finds the edges of trips.
+        windows: of time, in which flows have a factor of their own.
 
     Raises:
         ScenarioError: something is missing, or SUMO would refuse it.
@@ -131,7 +134,7 @@ def read_demand(
     movers: list[tuple[Path, ET.Element]] = []
     places: dict[tuple[str, str], Path] = {}
     for file in files:
-        for element in read_xml(file):
+        for element in cut_flows(file, read_xml(file), windows or {}):
             places |= {(one.tag, one.get("id", "")): file for one in (element, *element)}
             if element.tag in ("vType", "vTypeDistribution"):
                 read_vtype(known, file, element)

@@ -8,6 +8,7 @@ from copy import deepcopy
 
 from sim_adapters.scenario.demand_elements import HOURLY
 from sim_adapters.scenario.demand_file import vehicles_id
+from sim_adapters.scenario.demand_windows import Windows, id_at
 from sim_adapters.scenario.times import read_time_s
 
 MOST_PROBABILITY = 1.0  # of a flow's vehicle in a second; SUMO takes no more
@@ -43,7 +44,7 @@ def scale_flow(element: ET.Element, factor: float) -> None:
 
 
 def scale_vehicles(
-    elements: Sequence[ET.Element], factors: Mapping[str, float], subject_vehicle: str
+    elements: Sequence[ET.Element], factors: Mapping[str, float], subject_vehicle: str, windows: Windows
 ) -> list[ET.Element]:
     """Elements with single vehicles left out or doubled, evenly over those that enter at one edge.
 
@@ -54,6 +55,7 @@ def scale_vehicles(
         elements: of a file.
         factors: factor of each flow; single vehicles are the flow `vehicles_id` of their edge.
         subject_vehicle: id of the vehicle that is none of them.
+        windows: windows of time that cut flows.
     """
     routes = {one.get("id"): one.get("edges", "").split() for one in elements if one.tag == "route"}
     count: dict[str, int] = {}
@@ -63,7 +65,8 @@ def scale_vehicles(
         if edge is None or element.get("id") == subject_vehicle:
             scaled.append(element)
             continue
-        factor = factors.get(vehicles_id(edge), 1.0)
+        depart_s = read_time_s(element.get("depart")) or 0.0  # triggered ones depart when somebody comes for them
+        factor = factors.get(id_at(vehicles_id(edge), windows, depart_s), 1.0)
         number = count.get(edge, 0)
         count[edge] = number + 1
         copies = math.floor(factor * (number + 1) + 0.5) - math.floor(factor * number + 0.5)

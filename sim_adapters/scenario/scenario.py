@@ -9,6 +9,7 @@ from sim_adapters.errors import ScenarioError
 from sim_adapters.scenario.configuration import SumoConfiguration, read_configuration
 from sim_adapters.scenario.demand_definitions import Route
 from sim_adapters.scenario.demand_file import VEHICLES, Demand, Flow, read_demand
+from sim_adapters.scenario.demand_windows import Windows
 from sim_adapters.scenario.finding import Finding, Level
 from sim_adapters.scenario.followed_options import flow_findings, option_findings, vtype_findings
 from sim_adapters.scenario.loaded_scenario import LoadedScenario
@@ -39,6 +40,7 @@ class Scenario:
     end_s: float  # end of a run, on the scenario's clock
     # numeric attributes of vTypes as SUMO has them, defaults of their class included
     vtype_numbers: Vtypes = field(default_factory=dict)
+    windows: Windows = field(default_factory=dict)  # windows of time that cut flows
     findings: tuple[Finding, ...] = ()  # how well each part can be followed by the surrogate
     warnings: tuple[str, ...] = ()  # one line for each thing that was left out
 
@@ -85,6 +87,7 @@ def read_scenario(
     subject_vehicle: str,
     duration_s: float,
     load: Callable[[SumoConfiguration], LoadedScenario] | None = None,
+    windows: Windows | None = None,
 ) -> Scenario:
     """Read a scenario.
 
@@ -94,6 +97,7 @@ def read_scenario(
         duration_s: end of a run, on the scenario's clock.
         load: has SUMO load the scenario and say what its vTypes are and how trips go; without it, types take the
             defaults of passenger cars and trips are refused.
+        windows: windows of time, by flow, each of which becomes a flow `FLOW@BEGIN` of its own.
 
     Raises:
         ScenarioError: SUMO refuses it, or something is missing; one line says what.
@@ -110,8 +114,10 @@ def read_scenario(
         configuration.processing,
         configuration.scale,
         loaded.find_route,
+        windows,
     )
-    all_flows = (*demand.flows, *flows_of_vehicles(demand.vehicles, configuration.begin_s, end_s, configuration.scale))
+    singles = flows_of_vehicles(demand.vehicles, configuration.begin_s, end_s, configuration.scale, windows or {})
+    all_flows = (*demand.flows, *singles)
     main_edges = demand.subject_route
     vclasses = {demand.vtypes[flow.vtype].get("vClass", "passenger") for flow in all_flows}
     routes, users = [flow.route for flow in all_flows], _users(demand, subject_vehicle)
@@ -135,6 +141,7 @@ def read_scenario(
         flows=flows,
         end_s=end_s,
         vtype_numbers=loaded.vtypes,
+        windows=windows or {},
         warnings=tuple(warnings),
     )
     vtypes = _unique([*(flow.vtype for flow in flows), demand.subject_vtype])

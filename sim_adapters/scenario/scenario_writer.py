@@ -14,6 +14,7 @@ from pathlib import Path
 
 from sim_adapters.interface import ParameterLayout
 from sim_adapters.scenario.demand_elements import DEFAULT_VTYPE
+from sim_adapters.scenario.demand_windows import cut_flows
 from sim_adapters.scenario.scaled_demand import scale_flow, scale_vehicles
 from sim_adapters.scenario.scenario import Scenario
 from sim_adapters.scenario.scenario_files import writes_output
@@ -80,9 +81,10 @@ def write_scenario(
     roots = [read_xml(file) for file in sources]
     file_of: dict[int, int] = {}  # by identity of the element
     elements: list[ET.Element] = []
-    for number, root in enumerate(roots):
+    for number, (source, root) in enumerate(zip(sources, roots, strict=True)):
         own = [one for one in root if is_handed_over or not writes_output(one)]
-        for element in scale_vehicles(own, factors, subject_vehicle):
+        own = cut_flows(source, own, scenario.windows)
+        for element in scale_vehicles(own, factors, subject_vehicle, scenario.windows):
             element.tail = "\n"
             for vtype in element.iter("vType"):
                 if vtype.get("id") in layout.vtypes:

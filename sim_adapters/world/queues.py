@@ -13,14 +13,16 @@ import numpy as np
 from jaxtyping import Array
 
 from sim_adapters.scenario.demand_elements import Departure
-from sim_adapters.scenario.demand_file import VEHICLES, Flow, Vehicle
+from sim_adapters.scenario.demand_file import VEHICLES, Flow, Vehicle, vehicles_id
+from sim_adapters.scenario.demand_windows import id_at
 from sim_adapters.scenario.scenario import Scenario
 from sim_adapters.world.departures import BEST, LANES, departure_of, lanes_of
 from surrogate.inflow.departure import DepartureRules, Lane
 from surrogate.inflow.timetable import Schedule
 
 PLAIN_DEPARTURE = Departure("best", "last", "avg")
-MOST_DEMAND = 3.0  # times the scenario's for which the timetable has room
+MOST_DEMAND = 10.0  # times the scenario's for which the timetable has room
+MOST_LANE_VEHPS = 0.9  # no lane takes more; what comes beyond it would wait for ever
 SPREAD = 5.0  # standard deviations of random arrivals for which it has room
 ONE_LANE_RULE = ""
 
@@ -60,17 +62,16 @@ def queues_of(scenario: Scenario) -> list[Queue]:
 def _queue(scenario: Scenario, edge: str, lane: str) -> Queue:
     ours = [flow for flow in scenario.flows if (flow.route[0], flow.departure.lane) == (edge, lane)]
     flows = [flow for flow in ours if not flow.id.startswith(VEHICLES)]
-    kinds = {_kind(flow): flow for flow in ours if flow.id.startswith(VEHICLES)}
+    kinds = {_kind(flow.id, flow): flow for flow in ours if flow.id.startswith(VEHICLES)}
     place = {kind: len(flows) + number for number, kind in enumerate(kinds)}
     at_edge = [vehicle for vehicle in scenario.demand.vehicles if vehicle.route[0] == edge]
-    vehicles = [
-        (vehicle, place[_kind(vehicle)], number) for number, vehicle in enumerate(at_edge) if _kind(vehicle) in place
-    ]
+    kind = [_kind(id_at(vehicles_id(edge), scenario.windows, one.depart_s), one) for one in at_edge]
+    vehicles = [(one, place[kind[number]], number) for number, one in enumerate(at_edge) if kind[number] in place]
     return Queue(edge, lane, (*flows, *kinds.values()), tuple(vehicles))
 
 
-def _kind(one: Flow | Vehicle) -> tuple:
-    return one.vtype, one.route, one.departure
+def _kind(flow: str, one: Flow | Vehicle) -> tuple:
+    return flow, one.vtype, one.route, one.departure
 
 
 def schedule_of(scenario: Scenario, queues: list[Queue]) -> Schedule:
@@ -83,7 +84,9 @@ def schedule_of(scenario: Scenario, queues: list[Queue]) -> Schedule:
     ]
     singles = [(number, *single) for number, queue in enumerate(queues) for single in queue.vehicles]
     until_s = [min(flow.end_s, scenario.end_s) for _, _, flow in flows]
-    room = [_room_of(flow, end_s) for (_, _, flow), end_s in zip(flows, until_s, strict=True)]
+    main = scenario.demand.subject_route[0]
+    lanes = [scenario.network.lane_count[queues[queue].edge] for queue, _, _ in flows]
+    room = [_room_of(flow, *limits) for (_, _, flow), *limits in zip(flows, until_s, lanes, strict=True)]
     most = max(room, default=1)
     most_copies = math.ceil(MOST_DEMAND * scenario.configuration.scale) + 1
     num_of_flows = max(len(flows), 1) * most
@@ -97,8 +100,6 @@ def schedule_of(scenario: Scenario, queues: list[Queue]) -> Schedule:
         source[queue] += range(num_of_flows + place * most_copies, num_of_flows + (place + 1) * most_copies)
         column_of[queue] += [column] * most_copies
     longest = max(map(len, source)) + 1  # nobody ever arrives at the last place
-    main = scenario.demand.subject_route[0]
-    lanes = [scenario.network.lane_count[queues[queue].edge] for queue, _, _ in flows]
     parts = _parts(scenario)
     return Schedule(
         begin_s=_floats([flow.begin_s for _, _, flow in flows]),
@@ -131,8 +132,9 @@ def _window(flow: Flow) -> tuple[str, float, float]:
     return flow.id, flow.begin_s, flow.end_s
 
 
-def _room_of(flow: Flow, end_s: float) -> int:
-    most = MOST_DEMAND * flow.rate_vehps * max(end_s - flow.begin_s, 0.0)
+def _room_of(flow: Flow, end_s: float, num_lanes: int) -> int:
+    most_vehps = min(MOST_DEMAND * flow.rate_vehps, max(flow.rate_vehps, MOST_LANE_VEHPS * num_lanes))
+    most = most_vehps * max(end_s - flow.begin_s, 0.0)
     return math.ceil(most + SPREAD * math.sqrt(most)) + 2
 
 

@@ -17,7 +17,7 @@ from sim_adapters.scenario.sumo_names import vehicle_class, with_attribute
 from sim_adapters.units import SECONDS_PER_HOUR
 from sim_adapters.world.distant_vtypes import check_distant_vtypes
 from sim_adapters.world.logged_drive import LoggedDrive, logged_motion_of
-from sim_adapters.world.queues import entrance_tables, is_plain, queues_of, rules_of, schedule_of
+from sim_adapters.world.queues import MOST_DEMAND, entrance_tables, is_plain, queues_of, rules_of, schedule_of
 from surrogate.effects.apply import NUM_CLASSES_OF_EFFECTS, classes_with_effects, true_inputs
 from surrogate.effects.settings import Effects
 from surrogate.inflow.departure import DepartureRules
@@ -87,6 +87,11 @@ class WorldTemplate:
     def base_demand_vehph(self) -> np.ndarray:
         """Return the demand of each input as the scenario has it."""
         return self.input_vehps * SECONDS_PER_HOUR
+
+    @property
+    def most_demand_vehph(self) -> np.ndarray:
+        """Demand of each input beyond which vehicles would be missing; inf where there is no such bound."""
+        return self.base_demand_vehph() * (np.inf if self.schedule is None else MOST_DEMAND)
 
     def base_values(self) -> np.ndarray:
         """Return the parameter vector that means the scenario as it is."""

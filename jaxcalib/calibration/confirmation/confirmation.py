@@ -94,8 +94,6 @@ class Finals:
         seen = objective.accuracy(objective.residuals(rounded, in_surrogate.pooled, num_surrogate))
         plain = replace(objective, discrepancy=None)
         accuracy = float(plain.accuracy(plain.residuals(rounded, in_sumo.pooled, worth))[0])
-        if not np.isfinite(accuracy):
-            return nobody  # SUMO never showed one of the moments: nothing can be said of it, as of a failed run
         tallies = in_sumo.tally[0]
         finalist = Finalist(unit, accuracy, float(seen[0]), origin, tallies[np.isfinite(tallies).all(axis=1)])
         confirmed = Confirmed(unit, in_surrogate.pooled[0], num_surrogate, in_sumo.pooled[0], worth)
@@ -158,7 +156,7 @@ def confirm(
         unit, origin = polishes[-1].best, f"corrected search {number + 1}"
     if not finalists:
         reasons = "; ".join(sorted({outcome.status.value for outcome in outcomes if not outcome.status.is_ok}))
-        reasons = reasons or "a measure that is matched was never observed in its runs"
+        reasons = reasons or "the surrogate, which is to be compared with it, cannot drive there"
         tail = next((outcome.log_tail for outcome in outcomes if outcome.log_tail), "")
         raise AllRunsFailedError(f"the search's result failed in SUMO: {reasons}", tail)
     winner = int(np.argmax([one.accuracy for one in finalists]))

@@ -39,6 +39,7 @@ class Objective:
     moments: Moments  # what is matched
     field: Float[np.ndarray, " moment"]  # their values in the field
     covariance: Float[np.ndarray, "moment moment"]  # of the moments of one run
+    usual: Float[np.ndarray, " moment"]  # their values in the runs behind that
     num_drives: int  # drives behind the field's values
     # what is known of the parameters themselves; a measurement like the moments, and weighed like them
     evidence: Evidence
@@ -54,7 +55,8 @@ class Objective:
     ) -> Float[np.ndarray, "candidate residual"]:
         """Return whitened residuals, simulated less field, then those of the evidence.
 
-        A candidate whose moments are not all observed gets nan.
+        A candidate that failed gets nan. A moment that its runs never show, as a rare one in a few drives, says neither
+        for nor against it: the usual value stands for it.
 
         Args:
             unit: candidates in the unit cube.
@@ -64,10 +66,11 @@ class Objective:
         simulated = self.moments.values(pooled)
         if self.discrepancy is not None:
             simulated = simulated + self.discrepancy.predict(unit)
+        has_failed = ~np.isfinite(pooled).any(axis=1, keepdims=True)
         if self.is_relative:
-            has_failed = ~np.isfinite(pooled).any(axis=1, keepdims=True)
             errors = np.nan_to_num((simulated - self.field) / self.field, nan=NEVER_SHOWN)
             return np.where(has_failed, np.nan, errors)
+        simulated = np.where(np.isnan(simulated) & ~has_failed, self.usual, simulated)
         factor = np.linalg.cholesky(self.variance(num_runs))
         whitened = np.linalg.solve(factor, (simulated - self.field).T).T
         return np.concatenate([whitened, self.evidence.residuals(unit)], axis=1)
@@ -111,6 +114,7 @@ class Objective:
             moments=self.moments.take(chosen),
             field=self.field[chosen],
             covariance=self.covariance[np.ix_(chosen, chosen)],
+            usual=self.usual[chosen],
         )
 
     def of_level(self, level: Level) -> "Objective":

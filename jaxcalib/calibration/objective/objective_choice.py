@@ -39,6 +39,7 @@ def choose_objective(
         moments=moments,
         field=moments.values(field.sum(axis=0)),
         covariance=noise_covariance(moments, runs),
+        usual=moments.values(runs.sum(axis=0)),
         num_drives=len(field),
         evidence=evidence,
         is_relative=is_relative,

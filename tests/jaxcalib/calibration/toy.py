@@ -61,7 +61,8 @@ def toy_moments() -> Moments:
 def toy_objective(evidence: Evidence | None = None, num_drives: int = 8) -> Objective:
     field = np.mean([tallies(TRUTH, 900 + drive) for drive in range(num_drives)], axis=0)
     silent = independent_evidence(np.full(3, 0.5), np.full(3, np.inf))
-    return Objective(toy_moments(), toy_moments().values(field), np.diag(NOISE**2), num_drives, evidence or silent)
+    moments, covariance = toy_moments(), np.diag(NOISE**2)
+    return Objective(moments, moments.values(field), covariance, OFFSET, num_drives, evidence or silent)
 
 
 def toy_run(simulator: ToySimulator | None = None, objective: Objective | None = None) -> SearchRun:

@@ -1,5 +1,7 @@
 """What the logs of the small case say before any traffic is simulated: its planted drivers, and its inflows."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -121,6 +123,18 @@ def test_what_drives_see_of_a_known_demand_is_no_demand(small_problem: Calibrati
     np.testing.assert_allclose(found.values_vehph, [2500.0, 480.0], rtol=0.005)
     believed = estimated(small_problem, volume, error)
     assert (np.abs(believed.values_vehph - [2500.0, 480.0]) > 100.0).any()
+
+
+def test_what_comes_while_nobody_drives_is_not_in_the_volumes(small_problem: CalibrationProblem) -> None:
+    """The ramp's vehicles come until 100 s: during 40 and 8 of the 80 s of each drive."""
+    scenario = small_problem.scenario
+    flows = tuple(replace(flow, end_s=100.0) if flow.route[0] == RAMP[0] else flow for flow in scenario.flows)
+    assert flows != scenario.flows
+    problem = replace(small_problem, scenario=replace(scenario, flows=flows))
+    volume = section_volumes(problem, 2000.0, 0.3 * 600.0)
+    field, observed_s = SectionVolumes(volume, np.full(len(volume), 1.0)), [(60.0, 140.0), (92.0, 172.0)]
+    found = estimate_demand(problem.scenario, problem.template, problem.road, field, None, observed_s)
+    np.testing.assert_allclose(found.values_vehph, [2000.0, 600.0], rtol=0.01)
 
 
 def test_drives_that_see_a_part_of_the_demand_see_that_part_of_its_change(small_problem: CalibrationProblem) -> None:

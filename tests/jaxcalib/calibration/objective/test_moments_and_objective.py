@@ -63,7 +63,7 @@ def test_truth_shows_residuals_as_large_as_their_noise():
     for seed in range(300):
         field = np.mean([tallies(TRUTH, 10_000 + 50 * seed + drive) for drive in range(8)], axis=0)
         objective = Objective(
-            toy_moments(), toy_moments().values(field), np.diag(NOISE**2), 8,
+            toy_moments(), toy_moments().values(field), np.diag(NOISE**2), OFFSET, 8,
             independent_evidence(np.full(3, 0.5), np.full(3, np.inf)),
         )  # fmt: skip
         simulated = np.mean([tallies(TRUTH, 90_000 + 50 * seed + run) for run in range(16)], axis=0)
@@ -71,6 +71,17 @@ def test_truth_shows_residuals_as_large_as_their_noise():
     noise, value = NOISE**2 * (1 / 8 + 1 / 16), OFFSET + RESPONSE @ TRUTH
     expected = np.mean(noise / (noise + (MODEL_ERROR * value) ** 2))  # 1, but for the model error beside the noise
     assert np.mean(squares) == pytest.approx(expected, rel=0.12)
+
+
+def test_a_moment_that_a_candidate_never_shows_says_neither_for_nor_against_it():
+    objective, simulated = toy_objective(), tallies(TRUTH, 1)
+    simulated[[1, 5]] = 0.0  # of the second moment, no observation
+    usual = simulated.copy()
+    usual[[1, 5]] = OFFSET[1], 1.0
+    failed = np.full_like(simulated, np.nan)
+    never, as_usual, none = objective.residuals(np.stack([TRUTH] * 3), np.stack([simulated, usual, failed]), 8)
+    assert never == pytest.approx(as_usual)
+    assert np.isnan(none[: len(OFFSET)]).all()
 
 
 def test_evidence_of_the_logs_counts_in_its_own_errors():
@@ -107,7 +118,7 @@ def test_relative_objective_is_the_mean_or_the_printed_sum_of_relative_errors():
     simulated = tallies(TRUTH, 1)
     for is_summed in (False, True):
         objective = Objective(
-            toy_moments(), OFFSET, np.diag(NOISE**2), 8, independent_evidence(TRUTH, np.full(3, np.inf)),
+            toy_moments(), OFFSET, np.diag(NOISE**2), OFFSET, 8, independent_evidence(TRUTH, np.full(3, np.inf)),
             is_relative=True, is_summed=is_summed,
         )  # fmt: skip
         errors = np.abs(toy_moments().values(simulated) - OFFSET) / OFFSET
