@@ -9,9 +9,20 @@ from jaxcalib.case.case import ROLES, Case, Drive, Role
 from jaxcalib.errors import CaseError, quote
 from jaxcalib.field.even_clock import EvenDrive, to_even_clock
 from jaxcalib.field.log_cleaning import GAP_TOLERANCE, CleaningRules, clean_tracks, rules_for
-from jaxcalib.field.log_tables import EARLY_START_S, EmptyLogError, read_object_log, read_subject_log
+from jaxcalib.field.log_tables import (
+    EARLY_START_S,
+    EmptyLogError,
+    ObjectLog,
+    SubjectLog,
+    read_object_log,
+    read_subject_log,
+)
+from jaxcalib.field.logged_motion import logged_motion
 from jaxcalib.field.matched_objects import match_objects
-from jaxcalib.field.matched_subject import match_subject
+from jaxcalib.field.matched_subject import MatchedSubject, match_subject
+from jaxcalib.field.physics.impossible_tracks import ImpossibleRows, impossible_rows
+from jaxcalib.field.physics.judgement import judge_drives
+from jaxcalib.field.physics.motion import DriveMotion
 from jaxcalib.field.route_geometry import RouteGeometry, build_route_geometry
 from sim_adapters.frame_table import ObjectTable, SubjectTable, stack_frames
 from sim_adapters.scenario.road_builder import RowMap
@@ -35,6 +46,7 @@ class DriveCounts:
     splits: int  # jumps that split a track
     long_gaps: int  # gaps that were too long to bridge
     tracks: int  # tracks that stay
+    rows_impossible: int = 0  # left out, of tracks that no vehicle of the traffic can have made
 
 
 @dataclass(frozen=True)
@@ -77,24 +89,40 @@ class DriveLog:
 
 
 @dataclass(frozen=True)
+class DriveTables:
+    """The tables of a drive, the subject vehicle found on the route."""
+
+    subject_log: SubjectLog
+    object_log: ObjectLog  # less the rows that cannot be
+    subject: MatchedSubject
+    motion: DriveMotion  # what its physics is judged by
+    impossible: ImpossibleRows  # rows of the objects' table that were left out
+
+
+@dataclass(frozen=True)
 class DriveLogs:
     """The drives of a case that have rows."""
 
     case: Case  # the case with these drives alone
     drives: tuple[DriveLog, ...]  # their logs
     left_out: tuple[str, ...]  # one line for each drive without rows
-    refusals: tuple[CaseError, ...]  # what is wrong with the others
+    refusals: tuple[CaseError, ...]  # what is wrong with the others, and what they contradict themselves in
+    contradictions: tuple[str, ...] = ()  # what they contradict themselves in a little, one line each
 
 
 def read_drives(case: Case, row_map: RowMap, rules: CleaningRules | None = None) -> DriveLogs:
-    """Read all drives of a case, see `read_drive`; those without rows are left out, unless a role has none left."""
+    """Read all drives of a case, see `read_drive`; those without rows are left out, unless a role has none left.
+
+    Where the quantities of a drive contradict one another, that is what is wrong with it: that its objects do not fit
+    the road may follow from it.
+    """
     geometry = build_route_geometry(row_map)
-    there: list[tuple[Drive, DriveLog]] = []
+    tables: list[tuple[Drive, DriveTables]] = []
     empty: list[tuple[Drive, EmptyLogError]] = []
     refusals: list[CaseError] = []
     for drive in case.drives:
         try:
-            there.append((drive, read_drive(case, drive, row_map, geometry, rules)))
+            tables.append((drive, read_tables(case, drive, geometry)))
         except EmptyLogError as error:
             empty.append((drive, error))
         except CaseError as error:
@@ -104,11 +132,21 @@ def read_drives(case: Case, row_map: RowMap, rules: CleaningRules | None = None)
         if files and len(files) == len(case.drives_of(role)):
             expected = f"expected rows in one of the drives with role {quote(role)} at least; there are none."
             refusals.append(CaseError(files[0], "", expected))
+    found = judge_drives([own.motion for _, own in tables], [own.impossible for _, own in tables])
+    refusals += [CaseError(one.file, one.column, one.words) for one in found if one.is_refused]
+    contradictory = {drive for one in found if one.is_refused for drive in one.drives}
+    there: list[tuple[Drive, DriveLog]] = []
+    for drive, own in tables:
+        try:
+            there.append((drive, lay_out(case, drive, geometry, own, rules)))
+        except CaseError as error:
+            refusals += [] if drive.id in contradictory else [error]
     return DriveLogs(
         case=dataclasses.replace(case, drives=tuple(drive for drive, _ in there)),
         drives=tuple(log for _, log in there),
         left_out=tuple(f"drive {drive.id} is left out: {error}" for drive, error in empty),
         refusals=tuple(refusals),
+        contradictions=tuple(str(one) for one in found if not one.is_refused),
     )
 
 
@@ -151,10 +189,39 @@ def read_drive(
             `jaxcalib.field.matched_subject` and `jaxcalib.field.matched_objects`.
     """
     geometry = geometry or build_route_geometry(row_map)
+    return lay_out(case, drive, geometry, read_tables(case, drive, geometry), rules)
+
+
+def read_tables(case: Case, drive: Drive, geometry: RouteGeometry) -> DriveTables:
+    """Read the tables of a drive, find the subject vehicle on the route, and leave out what cannot be.
+
+    Raises:
+        CaseError: a table is wrong, or the subject vehicle's does not fit the road.
+    """
     subject_log = read_subject_log(drive.subject_file, *_clock_of(case, drive))
     object_log = read_object_log(drive.objects_file, *_clock_of(case, drive))
-    rules = rules or rules_for(subject_log.sampling_s)
     subject = match_subject(geometry, subject_log)
+    motion = logged_motion(geometry, drive, subject_log, subject, object_log)
+    impossible = impossible_rows(motion)
+    left_out = impossible.any
+    return DriveTables(subject_log, object_log.without(left_out), subject, motion.without(left_out), impossible)
+
+
+def lay_out(
+    case: Case, drive: Drive, geometry: RouteGeometry, tables: DriveTables, rules: CleaningRules | None = None
+) -> DriveLog:
+    """Find the detected vehicles of a drive on the route and clean their tracks.
+
+    Raises:
+        CaseError: they do not fit the road.
+    """
+    subject_log, object_log, subject, impossible = (
+        tables.subject_log,
+        tables.object_log,
+        tables.subject,
+        tables.impossible,
+    )
+    rules = rules or rules_for(subject_log.sampling_s)
     objects = match_objects(geometry, object_log, subject_log, subject)
 
     table = objects.table
@@ -164,7 +231,7 @@ def read_drive(
     counts = DriveCounts(
         subject_rows=len(subject_log.time_s),
         subject_rows_without_place=len(subject_log.time_s) - len(subject.log_row),
-        object_rows=len(object_log.time_s),
+        object_rows=len(impossible.any),
         rows_without_subject=objects.rows_without_subject,
         rows_without_place=objects.rows_without_place,
         rows_off_route=objects.rows_off_route,
@@ -175,6 +242,7 @@ def read_drive(
         splits=clean.num_splits,
         long_gaps=clean.num_gaps,
         tracks=clean.num_tracks,
+        rows_impossible=int(impossible.any.sum()),
     )
     warnings = [*subject.warnings, *objects.warnings]
     if clean.num_splits:

@@ -4,7 +4,7 @@ This is the only place that knows the columns of the files and their units.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +21,7 @@ MOST_SAMPLING_HZ = 25.0
 SAMPLING_TOLERANCE = 0.05  # of the rate: clocks drift, and time stamps are rounded
 HIGHEST_SPEED_KMH = 400.0  # beyond it the unit is surely another one
 MOST_LANES = 20
+FEW_NEGATIVE, MANY_NEGATIVE = 5, 0.02  # rows, and share of them
 EARLY_START_S = 1.0  # a drive may begin this long before its nominal departure
 
 SUBJECT_COLUMNS: Mapping[str, Kind] = {
@@ -84,6 +85,11 @@ class ObjectLog:
     speed_mps: np.ndarray  # absolute speed
     heading_rad: np.ndarray  # against the road's direction
     extra_columns: tuple[str, ...]  # columns that nobody reads
+
+    def without(self, rows: np.ndarray) -> "ObjectLog":
+        """The table less some of its rows; vehicles keep their numbers."""
+        columns = ("time_s", "vehicle", "lane", "relative_x_m", "relative_y_m", "speed_mps", "heading_rad")
+        return replace(self, **{name: getattr(self, name)[~rows] for name in columns})
 
 
 def read_subject_log(
@@ -160,6 +166,7 @@ def read_object_log(
     """
     table = read_columns(file, OBJECT_COLUMNS, limit)
     _check_time(table, earliest_s, latest_s)
+    _check_absolute_speeds(table)
     _check_range(table, "speed_kmh", 0.0, HIGHEST_SPEED_KMH, "a speed of 0 to 400 km/h")
     vehicle, vehicle_ids = _vehicles(table)
     time_s = table.numbers["time_s"]
@@ -193,6 +200,17 @@ def _check_time(table: ColumnTable, earliest_s: float, latest_s: float) -> None:
         index = int(np.argmax(outside))
         expected = f"expected {earliest_s:g} to {latest_s:g} on the scenario's clock, got {time_s[index]:.10g}."
         raise CaseError(table.file, row_place(index, "time_s"), expected)
+
+
+def _check_absolute_speeds(table: ColumnTable) -> None:
+    """Refuse speeds that are below 0 in many rows: they are not the vehicles' own."""
+    is_negative = table.numbers["speed_kmh"] < 0.0
+    if is_negative.sum() > max(FEW_NEGATIVE, MANY_NEGATIVE * len(is_negative)):
+        expected = (
+            f"expected absolute speeds, got {is_negative.mean():.0%} of the rows below 0: are they relative to the "
+            "subject vehicle's, or of oncoming traffic?"
+        )
+        raise CaseError(table.file, row_place(int(np.argmax(is_negative)), "speed_kmh"), expected)
 
 
 def _check_range(table: ColumnTable, column: str, least: float, most: float, expected: str) -> None:

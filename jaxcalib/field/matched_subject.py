@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from jaxcalib.errors import CaseError
+from jaxcalib.field.lane_causes import lane_cause
 from jaxcalib.field.log_checks import MOST_WRONG, refuse_if_most, refuse_lanes, unread_columns
 from jaxcalib.field.log_tables import SubjectLog
 from jaxcalib.field.map_matching import (
@@ -73,6 +74,7 @@ def match_subject(geometry: RouteGeometry, log: SubjectLog) -> MatchedSubject:
         expected = (
             f"expected the lane where {log.place.columns} lie, got {log.lane[log_row[index]]}; "
             f"{wrong_share:.0%} of the rows contradict so."
+            f"{lane_cause(geometry, point.position_m, across_m, log.lane[log_row], edge)}"
         )
         raise CaseError(log.file, row_place(int(log_row[index]), "lane"), expected)
     row = np.where(lanes.row >= 0, lanes.row, point.row)

@@ -15,6 +15,8 @@ from jaxcalib.field.field_log import DriveLog
 FEWEST_ROWS = 2000  # of objects ahead, or behind: fewer may all be near by chance
 # A sensor whose distances are wrong by a tenth seems to end a tenth earlier, but sees as far as it should.
 LARGEST_SHARE = 0.85
+ONE_SIDED = 0.02  # of the rows on the other side: with fewer the sensors do not look there
+LEAST_REACH_M = 1.0
 
 
 def seen_perception(drives: Sequence[DriveLog], stated: Perception) -> Perception:
@@ -25,17 +27,19 @@ def seen_perception(drives: Sequence[DriveLog], stated: Perception) -> Perceptio
         stated: the sensors as the case states them.
     """
     offset_m = np.concatenate([drive.objects.offset_m for drive in drives] or [np.zeros(0)])
+    ahead_m, behind_m = offset_m[offset_m > 0.0], -offset_m[offset_m < 0.0]
     return dataclasses.replace(
         stated,
-        ahead_m=_reach_m(offset_m[offset_m > 0.0], stated.ahead_m),
-        behind_m=_reach_m(-offset_m[offset_m < 0.0], stated.behind_m),
+        ahead_m=_reach_m(ahead_m, stated.ahead_m, len(behind_m)),
+        behind_m=_reach_m(behind_m, stated.behind_m, len(ahead_m)),
     )
 
 
-def _reach_m(distance_m: np.ndarray, stated_m: float) -> float:
-    if len(distance_m) < FEWEST_ROWS:
+def _reach_m(distance_m: np.ndarray, stated_m: float, num_opposite: int) -> float:
+    looks_away = num_opposite >= FEWEST_ROWS and len(distance_m) < ONE_SIDED * num_opposite
+    if len(distance_m) < FEWEST_ROWS and not looks_away:
         return stated_m
-    farthest_m = float(np.ceil(distance_m.max()))
+    farthest_m = max(float(np.ceil(distance_m.max(initial=0.0))), LEAST_REACH_M)
     return farthest_m if farthest_m < LARGEST_SHARE * stated_m else stated_m
 
 

@@ -177,7 +177,7 @@ def read_problem(folder: Path | str, *, as_stated: bool = False) -> CalibrationP
         measures=all_measures(settings),
         drives=drives,
         field_tally=np.stack(field_tally),
-        log_warnings=(*logs.left_out, *range_warnings(stated, sensor)),
+        log_warnings=(*logs.left_out, *logs.contradictions, *range_warnings(stated, sensor)),
     )
 
 

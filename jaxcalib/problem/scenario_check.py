@@ -94,6 +94,7 @@ def check_case(folder: Path | str, *, first_run_s: float = FIRST_RUN_S) -> CaseC
         warnings=(
             *scenario.warnings,
             *logs.left_out,
+            *logs.contradictions,
             *coverage_warnings(logs.drives, scenario.network.length_m),
             *(line for drive in logs.drives for line in drive.warnings),
             *(_run_warnings(scenario, parts, first_run) if first_run else ()),

@@ -86,7 +86,7 @@ def schedule_of(scenario: Scenario, queues: list[Queue]) -> Schedule:
     until_s = [min(flow.end_s, scenario.end_s) for _, _, flow in flows]
     main = scenario.demand.subject_route[0]
     lanes = [scenario.network.lane_count[queues[queue].edge] for queue, _, _ in flows]
-    room = [_room_of(flow, *limits) for (_, _, flow), *limits in zip(flows, until_s, lanes, strict=True)]
+    room = [_room_of(flow, end_s, own) for (_, _, flow), end_s, own in zip(flows, until_s, lanes, strict=True)]
     most = max(room, default=1)
     most_copies = math.ceil(MOST_DEMAND * scenario.configuration.scale) + 1
     num_of_flows = max(len(flows), 1) * most

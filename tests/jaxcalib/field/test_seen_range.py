@@ -32,6 +32,7 @@ def drives(ahead_m: float, behind_m: float, num_rows: int = 12 * FEWEST_ROWS) ->
         (150.0 * 0.88, 120.0 * 0.88, STATED),  # a sensor whose scale is wrong by an eighth
         (54.3, 119.0, dataclasses.replace(STATED, ahead_m=55.0)),
         (149.0, 43.6, dataclasses.replace(STATED, behind_m=44.0)),
+        (149.0, 0.0, dataclasses.replace(STATED, behind_m=1.0)),  # sensors that look ahead only
     ],
 )
 def test_a_range_is_taken_from_the_logs_only_where_it_is_well_below(

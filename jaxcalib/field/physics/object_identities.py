@@ -1,0 +1,222 @@
+"""What detected vehicles must agree on with the subject vehicle: how distances change, by whose speeds, when."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from jaxcalib.field.physics.contradiction import LENGTH_UNITS, SIGNIFICANT, SPEED_UNITS, Contradiction, merged
+from jaxcalib.field.physics.linear_fit import fit_linear
+from jaxcalib.field.physics.motion import (
+    BLOCKS_PER_DRIVE,
+    DriveMotion,
+    ObjectWindows,
+    integral_of,
+    object_windows,
+)
+
+LARGEST_OFFSET_S = 30.0  # between the clocks of both tables that is looked for
+OFFSET_STEP_S = 0.5
+LEAST_OFFSET_S, REFUSED_OFFSET_S = 0.25, 2.0  # steps of simulators make up to 0.2 s
+LEAST_SPEED_CHANGE_MPS = 0.2  # of the subject vehicle in a window, typically, without which no offset shows
+LEAST_OFF, REFUSED_OFF = 0.02, 0.3  # relative, of distances and of the objects' speeds
+CLEARLY_BETTER = 0.5  # of what is left unexplained, by which another reading must be better than the log's own
+MOST_LEFT_M, MOST_LEFT = 0.8, 0.2  # in metres, and of what the log's own reading leaves: with more nothing is explained
+LEAST_UNEXPLAINED_M = 1.0  # in a window: less is the noise of sensors
+MOST_UNEXPLAINED = 0.5  # of how far distances change, that no reading explains
+FEWEST_WINDOWS = 40
+NUM_ROUNDS = 2  # of the estimate of an offset, for speeds are not straight lines
+
+
+@dataclass(frozen=True)
+class Reading:
+    """A way in which the objects' columns may be meant."""
+
+    kind: str  # what would be wrong
+    speed_factor: float = 1.0  # on the objects' speeds
+    is_relative: bool = False  # whether these are relative to the subject vehicle
+    distance_factor: float = 1.0  # on distances; negative where the sign is exchanged
+
+    def words(self) -> str:
+        """What would be wrong, as a sentence."""
+        unit = next((name for name, factor in SPEED_UNITS.items() if factor == self.speed_factor), None)
+        length = next((name for name, factor in LENGTH_UNITS.items() if factor == abs(self.distance_factor)), None)
+        parts = []
+        if self.is_relative:
+            parts.append("speeds are relative to the subject vehicle's; they are to be absolute")
+        if unit:
+            parts.append(f"speeds are {self.speed_factor:.2f} times too small: {unit}? They are to be in km/h")
+        if self.distance_factor < 0.0:
+            parts.append("relative_x_m has the opposite sign of how distances change; + is ahead")
+        if length:
+            parts.append(f"distances change as if they were in {length}; they are to be in metres")
+        return "; ".join(parts) + "."
+
+    def moved_m(self, windows: ObjectWindows, subject_m: Float[np.ndarray, " window"]) -> Float[np.ndarray, " window"]:
+        """How far the logged distance should change in each window."""
+        true_m = self.speed_factor * windows.driven_m - (0.0 if self.is_relative else subject_m)
+        return true_m / self.distance_factor
+
+
+AS_STATED = Reading("")
+READINGS = (
+    *(Reading("object_speed_unit", factor) for factor in SPEED_UNITS.values()),
+    Reading("relative_speeds", is_relative=True),
+    *(Reading("relative_speeds", factor, is_relative=True) for factor in SPEED_UNITS.values()),
+    Reading("distance_sign", distance_factor=-1.0),
+    *(Reading("distance_unit", distance_factor=factor) for factor in LENGTH_UNITS.values()),
+)
+
+
+def object_contradictions(motions: Sequence[DriveMotion], subject_speed_scale: Sequence[float]) -> list[Contradiction]:
+    """Judge each drive's objects, and all of them together.
+
+    Args:
+        motions: the drives.
+        subject_speed_scale: by how much the subject vehicle's speeds are too small, in each of them.
+    """
+    coarse: dict[str, list[tuple[DriveMotion, str, bool]]] = {}
+    fine: list[_JudgedDrive] = []
+    for number, (motion, scale) in enumerate(zip(motions, subject_speed_scale, strict=True)):
+        windows = object_windows(motion, BLOCKS_PER_DRIVE * number)
+        if len(windows.moved_m) < FEWEST_WINDOWS:
+            continue
+        verdict = _judge_reading(motion, windows, scale)
+        if verdict is None:
+            fine.append(_JudgedDrive(motion, windows, scale))
+        else:
+            kind, words = verdict
+            coarse.setdefault(kind, []).append((motion, words, True))
+    found = [
+        Contradiction(kind, several[0][0].objects_file, _column_of(kind), several[0][1],
+                      tuple(motion.id for motion, _, _ in several), is_refused=True)
+        for kind, several in coarse.items()
+    ]  # fmt: skip
+    return found + _fine_contradictions(fine)
+
+
+def _column_of(kind: str) -> str:
+    return {
+        "clock_offset": "time_s",
+        "distance_sign": "relative_x_m",
+        "distance_unit": "relative_x_m",
+        "distance_scale": "relative_x_m",
+    }.get(kind, "speed_kmh" if kind in ("relative_speeds", "object_speed_unit", "object_speed_scale") else "")
+
+
+def _subject_m(motion: DriveMotion, windows: ObjectWindows, scale: float, late_s: float = 0.0) -> np.ndarray:
+    """How far the subject vehicle drove in each window if the objects' clock is late; nan beyond its log."""
+    driven_m = scale * integral_of(motion.time_s, motion.speed_mps)
+    begin, end = (
+        np.interp(at_s - late_s, motion.time_s, driven_m, left=np.nan, right=np.nan)
+        for at_s in (windows.begin_s, windows.end_s)
+    )
+    return end - begin
+
+
+def _unexplained_m(expected_m: np.ndarray, windows: ObjectWindows) -> float:
+    left = np.abs(windows.moved_m - expected_m)
+    known = np.isfinite(left)
+    return float(np.median(left[known])) if known.sum() >= FEWEST_WINDOWS / 2 else np.inf
+
+
+def _judge_reading(motion: DriveMotion, windows: ObjectWindows, scale: float) -> tuple[str, str] | None:
+    """Kind and words where the columns are not what they are said to be."""
+    subject_m = _subject_m(motion, windows, scale)
+    as_stated_m = _unexplained_m(AS_STATED.moved_m(windows, subject_m), windows)
+    if as_stated_m < LEAST_UNEXPLAINED_M:
+        return None
+    best = min(READINGS, key=lambda reading: _unexplained_m(reading.moved_m(windows, subject_m), windows))
+    best_m = _unexplained_m(best.moved_m(windows, subject_m), windows)
+    offset_s, offset_m = _best_offset(motion, windows, scale)
+    typical_m = float(np.median(np.abs(windows.moved_m)))  # a reading under which nothing moves explains nothing
+    most_m = max(MOST_LEFT_M, MOST_LEFT * as_stated_m)
+    if min(best_m, offset_m) < min(CLEARLY_BETTER * min(as_stated_m, typical_m), most_m):
+        if best_m <= offset_m:
+            return best.kind, best.words()
+        if abs(offset_s) >= REFUSED_OFFSET_S:  # lesser ones are estimated with all drives
+            way = "late" if offset_s > 0 else "early"
+            return "clock_offset", (
+                f"the objects' times are {abs(offset_s):.1f} s {way} against the subject vehicle's; put both on one "
+                "clock."
+            )
+        return None
+    if as_stated_m > max(MOST_UNEXPLAINED * typical_m, 1.5 * LEAST_UNEXPLAINED_M):
+        return "foreign_objects", (
+            f"distances change by other amounts than both speeds say, {as_stated_m:.1f} m in "
+            f"{np.median(windows.end_s - windows.begin_s):.0f} s in the median; are these the objects of this drive?"
+        )
+    return None
+
+
+def _best_offset(motion: DriveMotion, windows: ObjectWindows, scale: float) -> tuple[float, float]:
+    """The offset of the objects' clock that explains most, and what it leaves unexplained."""
+    offsets_s = np.arange(-LARGEST_OFFSET_S, LARGEST_OFFSET_S + OFFSET_STEP_S / 2, OFFSET_STEP_S)
+    left = [
+        _unexplained_m(AS_STATED.moved_m(windows, _subject_m(motion, windows, scale, late_s)), windows)
+        for late_s in offsets_s
+    ]
+    best = int(np.argmin(left))
+    return float(offsets_s[best]), left[best]
+
+
+@dataclass(frozen=True)
+class _JudgedDrive:
+    """A drive whose columns are what they are said to be, nearly."""
+
+    motion: DriveMotion
+    windows: ObjectWindows
+    subject_speed_scale: float
+
+    def design(self, late_s: float) -> Float[np.ndarray, "window coefficient"]:
+        """What scales and delays multiply, if the objects' clock is late by so much."""
+        subject_m = _subject_m(self.motion, self.windows, self.subject_speed_scale, late_s)
+        speed_mps = self.subject_speed_scale * self.motion.speed_mps
+        begin, end = (np.interp(at_s - late_s, self.motion.time_s, speed_mps)
+                      for at_s in (self.windows.begin_s, self.windows.end_s))  # fmt: skip
+        driven_m = self.windows.driven_m
+        return np.stack([driven_m - subject_m, driven_m, end - begin, self.windows.faster_mps], axis=1)
+
+
+def _fine_contradictions(drives: Sequence[_JudgedDrive]) -> list[Contradiction]:
+    """Scales and offsets too small to be a unit: of each drive, or else of all together."""
+    alone = merged([one for drive in drives for one in _judge_scales([drive])])
+    return alone or _judge_scales(drives)
+
+
+def _judge_scales(drives: Sequence[_JudgedDrive]) -> list[Contradiction]:
+    late_s, fit = 0.0, None
+    for _ in range(NUM_ROUNDS):
+        fit = fit_linear(
+            np.concatenate([drive.design(late_s) for drive in drives] or [np.zeros((0, 4))]),
+            np.concatenate([drive.windows.moved_m for drive in drives] or [np.zeros(0)]),
+            np.concatenate([drive.windows.block for drive in drives] or [np.zeros(0, int)]),
+        )
+        if fit is None or not fit.value[0] > 0.0:
+            return []
+        # speeds of both that are late by the same time change nothing between the tables
+        late_s += float(np.clip((fit.value[2] + fit.value[3]) / fit.value[0], -LARGEST_OFFSET_S, LARGEST_OFFSET_S))
+    assert fit is not None
+    motion, ids = drives[0].motion, tuple(drive.motion.id for drive in drives)
+    found = []
+
+    def note(kind: str, words: str, is_refused: bool = False) -> None:
+        found.append(Contradiction(kind, motion.objects_file, _column_of(kind), words, ids, is_refused))
+
+    if fit.is_off(0, 1.0, LEAST_OFF, SIGNIFICANT):
+        size = f"{fit.value[0]:.3f} +- {fit.error[0]:.3f}"
+        note("distance_scale", f"distances change {size} times as fast as speeds say.")
+    if fit.is_off(1, 0.0, LEAST_OFF, SIGNIFICANT):
+        size = f"{1.0 + fit.value[1] / fit.value[0]:.3f} +- {fit.error[1]:.3f}"
+        note("object_speed_scale", f"the objects drive {size} times as fast as speed_kmh says.")
+    error_s = float(np.hypot(fit.error[2], fit.error[3]))
+    changes_mps = np.concatenate([drive.design(0.0)[:, 2] for drive in drives])
+    if np.nanstd(changes_mps) < LEAST_SPEED_CHANGE_MPS:
+        return found
+    if abs(late_s) > max(LEAST_OFFSET_S, SIGNIFICANT * error_s):
+        way = "late" if late_s > 0 else "early"
+        size = f"{abs(late_s):.2f} +- {error_s:.2f} s {way}"
+        words = f"the objects' times are {size} against the subject vehicle's; put both on one clock."
+        note("clock_offset", words, is_refused=abs(late_s) > REFUSED_OFFSET_S)
+    return found

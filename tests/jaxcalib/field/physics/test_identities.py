@@ -1,0 +1,122 @@
+"""Identities between the quantities of a log: right ones pass, each planted fault is found with its size."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from jaxcalib.field.physics.impossible_tracks import impossible_rows
+from jaxcalib.field.physics.judgement import judge_drives
+from jaxcalib.field.physics.motion import DriveMotion
+from tests.jaxcalib.field.physics.motions import drive
+
+NUM_DRIVES = 4
+Spoil = Callable[[DriveMotion], DriveMotion]
+
+
+def late(motion: DriveMotion, late_s: float) -> DriveMotion:
+    time_s = motion.object_time_s + late_s
+    inside = (time_s >= motion.time_s[0]) & (time_s <= motion.time_s[-1])
+    return replace(motion, object_time_s=time_s).without(~inside)
+
+
+def relative(motion: DriveMotion) -> DriveMotion:
+    own_mps = np.interp(motion.object_time_s, motion.time_s, motion.speed_mps)
+    return replace(motion, object_speed_mps=motion.object_speed_mps - own_mps)
+
+
+# what is spoilt, the kind that it is, whether it is refused, words
+FAULTS: dict[str, tuple[Spoil, str, bool, str]] = {
+    "subject in m/s": (lambda m: replace(m, speed_mps=m.speed_mps / 3.6), "speed_scale", True, "m/s?"),
+    "subject in mph": (lambda m: replace(m, speed_mps=m.speed_mps / 1.609344), "speed_scale", True, "mph?"),
+    "subject 3 % slow": (lambda m: replace(m, speed_mps=0.97 * m.speed_mps), "speed_scale", False, "1.03"),
+    "subject late": (
+        lambda m: replace(m, speed_mps=np.interp(m.time_s - 0.5, m.time_s, m.speed_mps)),
+        "speed_delay", False, "s after the places",
+    ),
+    "backwards": (lambda m: replace(m, position_m=m.position_m[::-1]), "backwards", True, "against the direction"),
+    "acceleration's sign": (
+        lambda m: replace(m, acceleration_mps2=-m.acceleration_mps2), "acceleration", True, "opposite sign",
+    ),
+    "acceleration in g": (
+        lambda m: replace(m, acceleration_mps2=m.acceleration_mps2 / 9.80665), "acceleration", True, "g?",
+    ),
+    "yaw rate's sign": (lambda m: replace(m, yaw_rate_radps=-m.yaw_rate_radps), "yaw_rate", True, "opposite sign"),
+    "yaw rate in degrees": (
+        lambda m: replace(m, yaw_rate_radps=np.degrees(m.yaw_rate_radps)), "yaw_rate", True, "degrees?",
+    ),
+    "1 m to the right": (
+        lambda m: replace(m, lateral_m=m.lateral_m - 1.0), "lateral_offset", False, "1.0 m to the right",
+    ),
+    "2.5 m to the left": (
+        lambda m: replace(m, lateral_m=m.lateral_m + 2.5), "lateral_offset", True, "2.5 m to the left",
+    ),
+    "objects in m/s": (
+        lambda m: replace(m, object_speed_mps=m.object_speed_mps / 3.6), "object_speed_unit", True, "m/s?",
+    ),
+    "relative speeds": (relative, "relative_speeds", True, "relative to the subject"),
+    "objects 3 % slow": (
+        lambda m: replace(m, object_speed_mps=0.97 * m.object_speed_mps), "object_speed_scale", False, "1.03",
+    ),
+    "clock 18 s late": (lambda m: late(m, 18.0), "clock_offset", True, "18.0 s late"),
+    "clock 0.3 s early": (lambda m: late(m, -0.3), "clock_offset", False, "s early"),
+    "distances' sign": (lambda m: replace(m, relative_x_m=-m.relative_x_m), "distance_sign", True, "opposite sign"),
+    "distances in feet": (lambda m: replace(m, relative_x_m=m.relative_x_m / 0.3048), "distance_unit", True, "feet"),
+    "distances 3 % short": (lambda m: replace(m, relative_x_m=0.97 * m.relative_x_m), "distance_scale", False, "0.9"),
+}  # fmt: skip
+
+
+def judged(motions: list[DriveMotion]) -> list:
+    impossible = [impossible_rows(motion) for motion in motions]
+    left = [motion.without(rows.any) for motion, rows in zip(motions, impossible, strict=True)]
+    return judge_drives(left, impossible)
+
+
+@pytest.mark.parametrize("sampling", [1, 5, 10])
+def test_what_is_right_is_believed(sampling: int):
+    """At 10, 2 and 1 Hz."""
+    motions = []
+    for seed in range(NUM_DRIVES):
+        whole = drive(seed)
+        kept = np.isin(np.round(10 * whole.object_time_s).astype(int) % sampling, 0)
+        columns = (
+            "time_s",
+            "position_m",
+            "speed_mps",
+            "acceleration_mps2",
+            "yaw_rate_radps",
+            "heading_rad",
+            "lateral_m",
+        )
+        thin = {name: getattr(whole, name)[::sampling] for name in (*columns, "across_m")}
+        motions.append(replace(whole, **thin).without(~kept))
+    assert judged(motions) == []
+
+
+@pytest.mark.parametrize("number", [1, NUM_DRIVES], ids=["one drive", "all drives"])
+@pytest.mark.parametrize("fault", FAULTS)
+def test_each_fault_is_found_with_its_size_and_nothing_else(fault: str, number: int):
+    spoil, kind, is_refused, words = FAULTS[fault]
+    motions = [spoil(drive(seed)) if seed < number else drive(seed) for seed in range(NUM_DRIVES)]
+    found = judged(motions)
+    assert [(one.kind, one.is_refused) for one in found] == [(kind, is_refused)]
+    assert words in str(found[0])
+    if is_refused:
+        assert found[0].drives == tuple(motion.id for motion in motions[:number])
+
+
+def test_objects_of_another_drive_are_no_objects_of_this():
+    motion, other = drive(3), drive(4)
+    columns = ("object_time_s", "vehicle", "relative_x_m", "relative_y_m", "object_speed_mps")
+    foreign = replace(motion, **{name: getattr(other, name) for name in columns})
+    assert "foreign_objects" in [one.kind for one in judged([foreign, drive(5)])]
+
+
+def test_one_recording_is_no_two_drives():
+    again = replace(drive(1), id="again")
+    assert [(one.kind, one.is_refused) for one in judged([drive(1), drive(2), again])] == [("same_recording", False)]
+    held_out = replace(again, role="held_out")
+    (found,) = judged([drive(1), drive(2), held_out])
+    assert found.is_refused
+    assert "the same recording as drive d01, which has the other role" in str(found)
