@@ -131,3 +131,18 @@ def test_one_group_s_values_move_no_other_s_vehicles(with_vans: Path, tmp_path: 
     np.testing.assert_allclose([van.car_following.time_gap_s for van in vans], [2.3, 2.53], rtol=1e-6)
     assert [float(vtypes["van"]["tau"]) for vtypes in in_files] == pytest.approx([2.3, 2.53])
     assert {name for name in in_files[0]["van"] if in_files[0]["van"][name] != in_files[1]["van"][name]} == {"tau"}
+
+
+def test_distant_vehicles_of_a_group_follow_as_they_are_told_and_change_lane_as_it_does(with_vans: Path):
+    demand = with_vans.parent / "demand.rou.xml"
+    text = demand.read_text()
+    van = text[text.index('<vType id="van"') :]
+    van = van[: van.index("/>") + 2]
+    far = re.sub('tau="[^"]*"', 'tau="3.3"', van.replace('id="van"', 'id="far"'))
+    demand.write_text(text.replace(van, van + far))
+    template = build_template(read_scenario(with_vans, "ego", 720.0), APART, distant_vtypes={"van": "far"})
+    world = template.world(jnp.asarray(VALUES_APART, jnp.float32), jnp.asarray(1), jnp.asarray(300.0, jnp.float32))
+    classes = dict(zip(template.class_names, world.classes, strict=True))
+    np.testing.assert_allclose(classes["far"].car_following.time_gap_s, 3.3, rtol=1e-6)
+    np.testing.assert_allclose(classes["far"].lane_change.cooperative, 0.4, rtol=1e-6)
+    np.testing.assert_allclose(classes["van"].car_following.time_gap_s, 2.3, rtol=1e-6)
