@@ -34,10 +34,12 @@ class ParameterLayout:
     input_ids: tuple[str, ...]  # inputs in the order of the vector's first part, values in veh/h
     input_flows: tuple[tuple[str, ...], ...]  # flow ids of each input
     vtypes: tuple[str, ...]  # vTypes whose attributes the second part sets
-    attributes: tuple[str, ...]  # SUMO attributes in the order of the vector's second part
-    # factor on each attribute's value for each vType, [vtype, attribute], where vTypes differ by common factors
+    attributes: tuple[str, ...]  # SUMO attributes in the order in which the second part has them, once for each group
+    # factor on each attribute's value for each vType, [vtype, attribute], where vTypes of a group differ by factors
     factors: tuple[tuple[float, ...], ...] = ()
     most: tuple[float, ...] = ()  # that each attribute can be, however large its factor
+    # groups of vTypes with values of their own, in the order of the second part; empty where all are one group
+    groups: tuple[tuple[str, ...], ...] = ()
 
     def factors_of(self, vtype: str) -> tuple[tuple[float, float], ...]:
         """Factor on each attribute's value for a vType, and the most that it may become by it."""
@@ -45,12 +47,28 @@ class ParameterLayout:
             return ((1.0, math.inf),) * len(self.attributes)
         return tuple(zip(self.factors[self.vtypes.index(vtype)], self.most, strict=True))
 
+    def begin_of(self, vtype: str) -> int:
+        """Place in the vector's second part where the values of a vType's group begin."""
+        return next(i for i, group in enumerate(self.vtype_groups) if vtype in group) * len(self.attributes)
+
     def values_of(self, vtype: str, behaviour: Sequence[float]) -> dict[str, float]:
         """A vType's attributes for the second part of a parameter vector."""
+        begin = self.begin_of(vtype)
+        of_group = behaviour[begin : begin + len(self.attributes)]
         return {
             attribute: value if factor == 1.0 else min(factor * value, most)
-            for attribute, value, (factor, most) in zip(self.attributes, behaviour, self.factors_of(vtype), strict=True)
+            for attribute, value, (factor, most) in zip(self.attributes, of_group, self.factors_of(vtype), strict=True)
         }
+
+    @property
+    def vtype_groups(self) -> tuple[tuple[str, ...], ...]:
+        """Groups of vTypes with values of their own; the vector has those of the first of each."""
+        return self.groups or (self.vtypes,)
+
+    @property
+    def driver_parameters(self) -> tuple[tuple[str, str], ...]:
+        """VType, the first of its group, and attribute of each number of the vector's second part."""
+        return tuple((group[0], attribute) for group in self.vtype_groups for attribute in self.attributes)
 
     @property
     def num_inputs(self) -> int:
@@ -59,8 +77,15 @@ class ParameterLayout:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of all numbers of the vector."""
-        return (*self.input_ids, *self.attributes)
+        """Names of all numbers of the vector: ids of inputs, then attributes, with a vType where groups have theirs."""
+        is_apart = len(self.vtype_groups) > 1
+        own = (f"{attribute}[{vtype}]" if is_apart else attribute for vtype, attribute in self.driver_parameters)
+        return (*self.input_ids, *own)
+
+    def names_of(self, attribute: str) -> tuple[str, ...]:
+        """Names of an attribute's numbers, one for each group."""
+        of_drivers = zip(self.names[self.num_inputs :], self.driver_parameters, strict=True)
+        return tuple(name for name, (_, own) in of_drivers if own == attribute)
 
 
 @dataclass(frozen=True)

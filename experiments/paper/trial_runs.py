@@ -85,7 +85,7 @@ def run_trial(
         calibration_s=result.calibration_s,
         parameters=dict(zip(problem.layout.names, result.values.tolist(), strict=True)),
         critical=list(result.critical),
-        num_drivers=len(problem.layout.attributes),
+        num_drivers=len(problem.layout.driver_parameters),
         stage2_undid_stage1=result.stage2_undid_stage1,
         flow_accuracy=list(result.flow_accuracy),
         **errors,

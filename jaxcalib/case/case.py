@@ -59,7 +59,9 @@ class Behaviour:
         car_following: their car-following model.
         parameters: vType attributes that may be moved; None means the library's list for that model.
         distant_vtypes: vType as which each of these vTypes follows beyond the sensors' range.
-        common: what the vTypes share: "factors", so that they keep their proportions, or "values".
+        common: what vTypes that move together share: "factors", so that they keep their proportions, or "values".
+        apart: which vTypes have parameters of their own: "each", "trucks" apart from all others, or groups; None where
+            all move together.
     """
 
     vtypes: tuple[str, ...]
@@ -67,6 +69,7 @@ class Behaviour:
     parameters: tuple[str, ...] | None
     distant_vtypes: Mapping[str, str] = field(default_factory=dict)
     common: Literal["factors", "values"] = "factors"
+    apart: Literal["each", "trucks"] | tuple[tuple[str, ...], ...] | None = None
 
 
 @dataclass(frozen=True)
@@ -181,8 +184,14 @@ def _subject(section: SubjectSection) -> SubjectVehicle:
 
 
 def _behaviour(section: BehaviourSection) -> Behaviour:
-    distant = section.distant_vtypes or {}
-    return Behaviour(section.vtypes, section.car_following, section.parameters, distant, section.common)
+    return Behaviour(
+        vtypes=section.vtypes,
+        car_following=section.car_following,
+        parameters=section.parameters,
+        distant_vtypes=section.distant_vtypes or {},
+        common=section.common,
+        apart=section.apart,
+    )
 
 
 def _drive(root: Path, drive: DriveSection) -> Drive:

@@ -43,6 +43,8 @@ FileStem = Annotated[
 ]
 FilePath = Annotated[str, Meta(min_length=1, max_length=4096, description="the path of a file")]
 Names = Annotated[tuple[Name, ...], Meta(min_length=1, description="a list of at least one name")]
+GROUPS = '"each", "trucks" or a list of lists of vTypes'
+Groups = Annotated[tuple[Names, ...], Meta(min_length=1, description=GROUPS)]
 
 
 class ScenarioSection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -79,7 +81,8 @@ class BehaviourSection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     car_following: Name
     parameters: Names | None = None
     distant_vtypes: Annotated[dict[str, str], Meta(description="a table of vTypes by vType")] | None = None
-    common: Literal["factors", "values"] = "factors"
+    common: Annotated[Literal["factors", "values"], Meta(description='"factors" or "values"')] = "factors"
+    apart: Annotated[Groups | Literal["each", "trucks"], Meta(description=GROUPS)] | None = None
 
 
 class InputSection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

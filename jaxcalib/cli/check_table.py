@@ -26,6 +26,9 @@ def check_table(check: CaseCheck) -> str:
             console.print(f"The surrogate follows every part of the scenario of {check.name}.")
         for name, flows in check.inputs.items():
             console.print(f"input {name}: {len(flows)} flows", highlight=False)
+        for group in check.groups:
+            told = f"vTypes {', '.join(group)}: driver parameters of their own"
+            console.print(told, highlight=False, markup=False)
         for line in check.warnings:
             console.print(line, highlight=False, markup=False)
         if check.first_run is not None:

@@ -37,14 +37,14 @@ CLEAR_SPEED_FACTOR_ERROR = 0.03
 class DriverEstimate:
     """What the logs say of each driver parameter."""
 
-    # estimates, in the order of the layout's attributes; the scenario's values where the logs are silent
+    # estimates, in the order of the layout's driver parameters; the scenario's values where the logs are silent
     values: np.ndarray
     unit_error: np.ndarray  # standard errors in the unit cube; inf where the logs are silent
     source: tuple[str, ...]  # where each comes from, for the report
     following: FollowingFit | None  # the fit of car-following; None where there was too little to fit
     num_samples: int  # moments of car-following found
-    fitted: tuple[str, ...] = ()  # attributes that the pairs were fitted with
-    # mean loss of the pairs for values of these attributes, drivers' desired speeds held; differentiable; None
+    fitted: tuple[str, ...] = ()  # names of the parameters that the pairs were fitted with
+    # mean loss of the pairs for values of these parameters, drivers' desired speeds held; differentiable; None
     # where there was too little to fit, or where the model does not describe the pairs
     replay_loss: Callable[[Array], Array] | None = None
 
@@ -58,11 +58,11 @@ def estimate_drivers(
     step_s: float,
     seed: int,
 ) -> DriverEstimate:
-    """Estimate driver parameters from logs.
+    """Estimate the driver parameters of one group of vTypes from logs.
 
     Args:
         scenario: for the model and the speed limits.
-        space: all parameters.
+        space: inputs, and driver parameters of that group.
         drives: logs that the calibration may use.
         scenario_values: the scenario's driver parameters.
         nominal_length_m: length taken for every vehicle.
@@ -73,7 +73,7 @@ def estimate_drivers(
     values = np.array(scenario_values, float)
     unit_error = np.full(len(attributes), np.inf)
     source = ["scenario"] * len(attributes)
-    vtype = space.layout.vtypes[0]
+    vtype = space.layout.vtype_groups[0][0]
     model, numbers = scenario.model_of(vtype), scenario.values_of(vtype)
     base = vehicle_class(numbers, model)
 

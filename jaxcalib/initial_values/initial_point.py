@@ -8,6 +8,7 @@ from jaxtyping import Float
 
 from jaxcalib.initial_values.demand_profile import DemandEstimate, SectionVolumes, estimate_demand
 from jaxcalib.initial_values.driver_values import DriverEstimate, estimate_drivers
+from jaxcalib.initial_values.group_values import drivers_of_all_groups
 from jaxcalib.problem.parameter_space import ParameterSpace, parameter_space, round_values
 from jaxcalib.problem.problem import CalibrationProblem
 from jaxcalib.statistics.jackknife import jackknife
@@ -58,15 +59,17 @@ def find_initial_point(
     def space_around(input_vehph: np.ndarray) -> ParameterSpace:
         return parameter_space(layout, model, input_vehph, scaling_factor, bounds, behaviour=behaviour.tolist())
 
+    around_scenario = space_around(problem.template.base_demand_vehph())  # of it, the drivers' part alone
     drivers = estimate_drivers(
         problem.scenario,
-        space_around(problem.template.base_demand_vehph()),  # of it, the drivers' part alone
+        around_scenario.of_first_group(),
         [drive for drive in problem.drives if drive.role == "fit"],
-        behaviour,
+        behaviour[: len(layout.attributes)],
         problem.case.perception.nominal_length_m,
         problem.parts.scenario.step_s,
         seed,
     )
+    drivers = drivers_of_all_groups(drivers, problem.scenario, around_scenario, behaviour)
     demand = demand_from_logs(problem, in_scenario())
     space = space_around(np.minimum(demand.values_vehph, problem.template.most_demand_vehph))
     for number, most_vehph in enumerate(problem.template.most_demand_vehph):

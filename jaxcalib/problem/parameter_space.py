@@ -91,6 +91,11 @@ class ParameterSpace:
         """Return the place of a parameter."""
         return self.names.index(name)
 
+    def of_first_group(self) -> "ParameterSpace":
+        """Return the space of inputs and of the driver parameters of the first group of vTypes alone."""
+        layout = replace(self.layout, groups=self.layout.vtype_groups[:1])
+        return ParameterSpace(layout, self.ranges[: len(layout.names)])
+
     def unit_of(self, values: np.ndarray) -> np.ndarray:
         """Return the point of the unit cube for values; values outside the bounds end up on them."""
         low, high, values = self._stretch(self.lower), self._stretch(self.upper), self._stretch(np.asarray(values))
@@ -169,7 +174,7 @@ def parameter_space(
         model: car-following model.
         input_vehph: initial value of each input.
         scaling_factor: delta of Eqs. 5 and 6.
-        bounds: the user's bounds, by name.
+        bounds: the user's bounds, by name; those of a plain attribute hold for each group without bounds of its own.
         file: for messages.
         behaviour: the scenario's driver parameters, which lie within the bounds even where traffic has others.
 
@@ -181,19 +186,21 @@ def parameter_space(
         Range(low, high, unit="veh/h") for low, high in zip(least, (1.0 + scaling_factor) * input_vehph, strict=True)
     ]
     of_model = ranges_of(model)
-    of_drivers = [of_model[name] for name in layout.attributes]
+    of_drivers = [of_model[attribute] for _, attribute in layout.driver_parameters]
     ranges += of_drivers if behaviour is None else map(_holding, of_drivers, behaviour)
     space = ParameterSpace(layout, tuple(ranges))
     for name, (lower, upper) in bounds.items():
-        if name not in space.names:
+        chosen = [name] if name in space.names else [one for one in layout.names_of(name) if one not in bounds]
+        if not chosen and not layout.names_of(name):
             raise CaseError(file, f"bounds.{name}", f"expected one of {', '.join(space.names)}.")
         if not (np.isfinite([lower, upper]).all() and lower < upper):
             raise CaseError(
                 file, f"bounds.{name}", f"expected a lower bound below the upper one; got {lower} and {upper}."
             )
-        if space.ranges[space.index(name)].is_logarithmic and lower <= 0.0:
-            raise CaseError(file, f"bounds.{name}", f"expected a lower bound above 0; got {lower}.")
-        space = space.with_range(name, lower, upper)
+        for one in chosen:
+            if space.ranges[space.index(one)].is_logarithmic and lower <= 0.0:
+                raise CaseError(file, f"bounds.{name}", f"expected a lower bound above 0; got {lower}.")
+            space = space.with_range(one, lower, upper)
     return space
 
 

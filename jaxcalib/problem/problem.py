@@ -2,7 +2,6 @@
 
 import dataclasses
 import functools
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,8 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxcalib.case.case import Case, Role, ScenarioParts, read_case, require_scenario
-from jaxcalib.case.case_file import FILE_NAME
-from jaxcalib.errors import CaseError, quote
+from jaxcalib.errors import CaseError
 from jaxcalib.field.field_log import DriveLog, read_drives
 from jaxcalib.field.seen_range import range_warnings, seen_perception
 from jaxcalib.measures.drive_tally import DriveTally
@@ -23,7 +21,7 @@ from jaxcalib.measures.registry import all_folds, all_measures
 from jaxcalib.measures.scene import MeasureSettings
 from jaxcalib.measures.whole_drive import WholeDriveFold
 from jaxcalib.problem.inputs import read_scenario_of
-from jaxcalib.problem.parameter_space import behaviour_parameters, ranges_of
+from jaxcalib.problem.parameter_layout import layout_of
 from jaxcalib.problem.problem_checks import (
     clock_faults,
     coverage_warnings,
@@ -32,11 +30,12 @@ from jaxcalib.problem.problem_checks import (
     model_faults,
     raise_first,
     replay_warnings,
+    vtype_warnings,
 )
 from sim_adapters.errors import ScenarioError
 from sim_adapters.interface import ParameterLayout
 from sim_adapters.scenario.scenario import Scenario
-from sim_adapters.scenario.sumo_names import NEAREST_MODEL, SUMO_MODELS, nearest_model
+from sim_adapters.scenario.sumo_names import nearest_model
 from sim_adapters.world.logged_drive import LoggedDrive, resample
 from sim_adapters.world.world_builder import WorldTemplate, build_template
 from surrogate.subject.registry import REPLAY
@@ -106,10 +105,7 @@ class CalibrationProblem:
         """Return what a user should know of the inputs, one line each."""
         early = [drive.id for drive in self.case.drives if drive.depart_s < self.parts.scenario.warmup_s]
         own = [f"case.toml: drives that depart within the warm-up: {', '.join(early)}."] if early else []
-        values = [self.scenario.values_of(vtype) for vtype in self.layout.vtypes]
-        if any(one[name] != values[0][name] for one in values for name in self.layout.attributes):
-            how = "keep their proportions to the first" if self.layout.factors else "all get the same calibrated values"
-            own.append(f"case.toml: behaviour.vtypes differ in the scenario; they {how}.")
+        own += vtype_warnings(self.scenario, self.layout)
         if self.template.distant_vtypes:
             own.append(
                 "case.toml: behaviour.distant_vtypes: in plain SUMO nobody changes over, so not in RUN/scenario."
@@ -206,48 +202,6 @@ def _logged_drives(
 def frame_interval_s(step_s: float) -> float:
     """The whole number of steps that is nearest to half a second; at least one step."""
     return max(1, round(FRAME_INTERVAL_S / step_s)) * step_s
-
-
-def layout_of(parts: ScenarioParts, scenario: Scenario) -> ParameterLayout:
-    """Return which number of a parameter vector means what.
-
-    Raises:
-        CaseError: the case names a car-following model or a parameter that is not known.
-    """
-    model = parts.behaviour.car_following
-    if model not in (*SUMO_MODELS, *NEAREST_MODEL):
-        known = ", ".join((*SUMO_MODELS, *NEAREST_MODEL))
-        raise CaseError(FILE_NAME, "behaviour.car_following", f"expected one of {known}, got {quote(model)}.")
-    model = nearest_model(model)
-    attributes = behaviour_parameters(FILE_NAME, model, parts.behaviour.parameters)
-    factors, most = (), ()
-    if parts.behaviour.common == "factors":
-        factors = _common_factors(parts.behaviour.vtypes, attributes, scenario)
-        ranges = ranges_of(model)  # a share stays one, however large its factor
-        most = tuple(1.0 if ranges[attribute].upper == 1.0 else math.inf for attribute in attributes) if factors else ()
-    return ParameterLayout(
-        input_ids=tuple(entrance.id for entrance in parts.inputs),
-        input_flows=tuple(entrance.flows for entrance in parts.inputs),
-        vtypes=parts.behaviour.vtypes,
-        attributes=attributes,
-        factors=factors,
-        most=most,
-    )
-
-
-def _common_factors(
-    vtypes: Sequence[str], attributes: Sequence[str], scenario: Scenario
-) -> tuple[tuple[float, ...], ...]:
-    """Factors between vTypes and the first of them, [vtype, attribute]; none where all are alike."""
-    own = [scenario.values_of(vtype) if vtype in scenario.demand.vtypes else {} for vtype in vtypes]
-    factors = tuple(tuple(_factor(each, own[0], attribute) for attribute in attributes) for each in own)
-    return () if all(factor == 1.0 for row in factors for factor in row) else factors
-
-
-def _factor(values: Mapping[str, float], of_first: Mapping[str, float], attribute: str) -> float:
-    """Factor between a vType's attribute and the first vType's; 1 where either is 0, which no factor can tell."""
-    own, first = values.get(attribute, 0.0), of_first.get(attribute, 0.0)
-    return own / first if own > 0.0 and first > 0.0 else 1.0
 
 
 def _measure_settings(case: Case, road: ObservedRoad, drives: tuple[DriveLog, ...]) -> MeasureSettings:

@@ -8,6 +8,7 @@ from jaxcalib.case.case import ROLES, Case, ScenarioParts
 from jaxcalib.case.case_file import FILE_NAME
 from jaxcalib.errors import CaseError, quote, shorten
 from jaxcalib.field.field_log import DriveLog
+from sim_adapters.interface import ParameterLayout
 from sim_adapters.scenario.scenario import Scenario
 
 LEAST_STEP_S, MOST_STEP_S = 0.05, 1.0
@@ -60,6 +61,21 @@ def model_faults(scenario: Scenario, parts: ScenarioParts) -> list[CaseError]:
         )
         faults.append(CaseError(FILE_NAME, "subject.vtype", expected))
     return faults
+
+
+def vtype_warnings(scenario: Scenario, layout: ParameterLayout) -> list[str]:
+    """Return a line where vTypes that move together differ in the scenario."""
+    differ = any(
+        scenario.values_of(vtype)[attribute] != scenario.values_of(group[0])[attribute]
+        for group in layout.vtype_groups
+        for vtype in group
+        for attribute in layout.attributes
+    )
+    if not differ:
+        return []
+    how = "keep their proportions to the first" if layout.factors else "all get the same calibrated values"
+    of_group = " of a group" if layout.groups else ""
+    return [f"case.toml: behaviour.vtypes{of_group} differ in the scenario; they {how}."]
 
 
 def input_faults(scenario: Scenario, parts: ScenarioParts) -> list[CaseError]:

@@ -10,7 +10,8 @@ from jaxcalib.case.case import ScenarioParts, read_case, require_scenario
 from jaxcalib.errors import CaseError
 from jaxcalib.field.field_log import read_drives, table_faults
 from jaxcalib.problem.inputs import read_scenario_of
-from jaxcalib.problem.problem import frame_interval_s, layout_of
+from jaxcalib.problem.parameter_layout import layout_of
+from jaxcalib.problem.problem import frame_interval_s
 from jaxcalib.problem.problem_checks import (
     clock_faults,
     coverage_warnings,
@@ -40,6 +41,7 @@ class CaseCheck:
     warnings: tuple[str, ...]  # what a user should know of scenario and logs, one line each
     refusals: tuple[str, ...] = ()  # what is wrong, one line each; with any, nothing else can be done with the case
     first_run: FirstRun | None = None  # what a run of SUMO showed; None where there could be none
+    groups: tuple[tuple[str, ...], ...] = ()  # of vTypes with driver parameters of their own; none where all share them
 
     @property
     def is_left_to_sumo(self) -> bool:
@@ -65,8 +67,9 @@ def check_case(folder: Path | str, *, first_run_s: float = FIRST_RUN_S) -> CaseC
         faults = [*(CaseError(one.file, "", one.message) for one in (error, *error.others)), *table_faults(case)]
         return CaseCheck(case.name, {}, (), (), tuple(map(str, faults)))
     faults = [*model_faults(scenario, parts), *input_faults(scenario, parts)]
+    groups: tuple[tuple[str, ...], ...] = ()
     try:
-        layout_of(parts, scenario)
+        groups = layout_of(parts, scenario).groups
     except CaseError as error:
         faults.append(error)
     of_clock = clock_faults(scenario, parts, case)
@@ -101,6 +104,7 @@ def check_case(folder: Path | str, *, first_run_s: float = FIRST_RUN_S) -> CaseC
         ),
         refusals=tuple(refusals),
         first_run=first_run,
+        groups=groups,
     )
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.stats import qmc
 
-from jaxcalib.errors import CaseError, quote
+from jaxcalib.errors import CaseError, quote, shorten
 from jaxcalib.problem.parameter_space import ParameterSpace
 from jaxcalib.search.orthogonal_arrays.orthogonal_array import array_sizes, orthogonal_array
 from jaxcalib.sweeps.own_table import is_table, read_own_table
@@ -17,6 +17,7 @@ from jaxcalib.sweeps.own_table import is_table, read_own_table
 PLACE = "--design"
 COMMAND_LINE = "command line"
 MOST_CANDIDATES = 10_000_000
+MOST_NAMES = 180  # characters, so that a message has room for what was asked for
 KINDS = "sobol:N, latin-hypercube:N, grid:LEVELS, orthogonal-array:LEVELS, or a table (.csv, .csv.gz, .parquet)"
 ALIASES = {"lhs": "latin-hypercube", "oa": "orthogonal-array"}
 
@@ -148,7 +149,7 @@ def _varied(space: ParameterSpace, chosen: Sequence[str] | None) -> tuple[str, .
         return space.names
     for index, name in enumerate(chosen):
         if name not in space.names:
-            known = ", ".join(space.names)
+            known = shorten(", ".join(space.names), MOST_NAMES)
             raise CaseError(COMMAND_LINE, "--parameters", f"expected some of {known}; got {quote(name)}.")
         if name in chosen[:index]:
             raise CaseError(COMMAND_LINE, "--parameters", f"expected each name once, got {quote(name)} again.")

@@ -2,16 +2,21 @@
 
 import json
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from jaxcalib.errors import CaseError, quote
 from jaxcalib.problem.problem import CalibrationProblem
 from jaxcalib.runs.run_folder import IDENTITY_FILE, identify
 from jaxcalib.validation.criterion import FORMAT
+from sim_adapters.interface import ParameterLayout
 
 RESULT_FILE = "result.json"
+SAME = 1e-5  # of values that were multiplied by a factor and rounded
 
 
 @dataclass(frozen=True)
@@ -49,8 +54,25 @@ def read_calibrated_run(run: Path, problem: CalibrationProblem) -> CalibratedRun
     if set(of_vtypes) != set(layout.vtypes):
         known = ", ".join(layout.vtypes)
         raise CaseError(file, "parameters.behaviour", f"expected the vTypes of the case, {known}; a result of another?")
-    behaviour = _numbers(file, "behaviour", of_vtypes[layout.vtypes[0]], layout.attributes)
+    of_vtype = {vtype: _numbers(file, "behaviour", of_vtypes[vtype], layout.attributes) for vtype in layout.vtypes}
+    behaviour = [value for group in layout.vtype_groups for value in of_vtype[group[0]]]
+    _check_followers(file, of_vtype, behaviour, layout)
     return CalibratedRun((*demand, *behaviour), _first_seed(result), _changes(run, problem))
+
+
+def _check_followers(
+    file: Path, of_vtype: Mapping[str, Sequence[float]], behaviour: Sequence[float], layout: ParameterLayout
+) -> None:
+    """Refuse a result whose vTypes moved otherwise than the case says: no parameter vector means its values."""
+    for group in layout.vtype_groups:
+        for vtype in group[1:]:
+            meant = list(layout.values_of(vtype, behaviour).values())
+            if not np.allclose(of_vtype[vtype], meant, rtol=SAME, atol=SAME):
+                expected = (
+                    f"expected values that follow from those of {quote(group[0])} as behaviour.common and "
+                    "behaviour.apart of the case say; is this a result of another?"
+                )
+                raise CaseError(file, f"parameters.behaviour.{vtype}", expected)
 
 
 def _numbers(file: Path, part: str, table: Any, names: tuple[str, ...]) -> tuple[float, ...]:

@@ -62,7 +62,7 @@ def write_scenario(
         folder: where to write; must exist.
         name: name of the configuration.
         is_handed_over: whether the folder is for people: with the network and with what writes files.
-        comments: a line for each attribute that is written, at the top of the file with the vTypes.
+        comments: a line for each driver parameter, at the top of the file with the vTypes.
         head: comment at the top of the configuration.
         effects: unmodelled effects to put in.
         seed: of what effects draw.

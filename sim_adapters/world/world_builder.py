@@ -95,12 +95,9 @@ class WorldTemplate:
 
     def base_values(self) -> np.ndarray:
         """Return the parameter vector that means the scenario as it is."""
-        behaviour = [self._base_attribute(attribute) for attribute in self.layout.attributes]
+        of_class = dict(zip(self.class_names, self.class_values, strict=True))
+        behaviour = [of_class[vtype][attribute] for vtype, attribute in self.layout.driver_parameters]
         return np.concatenate([self.base_demand_vehph(), behaviour])
-
-    def _base_attribute(self, attribute: str) -> float:
-        vtype = self.layout.vtypes[0]
-        return self.class_values[self.class_names.index(vtype)][attribute]
 
     def world(
         self,
@@ -200,9 +197,10 @@ class WorldTemplate:
             one = vehicle_class(values, model)
             is_subject = len(classes) == len(self.class_names) - 1
             if name in self.layout.vtypes and not is_subject:
-                for index, (factor, most) in enumerate(self.layout.factors_of(name)):
-                    value = behaviour[index] if factor == 1.0 else jnp.minimum(factor * behaviour[index], most)
-                    one = with_attribute(one, model, self.layout.attributes[index], value)
+                own = zip(self.layout.attributes, self.layout.factors_of(name), strict=True)
+                for place, (attribute, (factor, most)) in enumerate(own, self.layout.begin_of(name)):
+                    value = behaviour[place] if factor == 1.0 else jnp.minimum(factor * behaviour[place], most)
+                    one = with_attribute(one, model, attribute, value)
             classes.append(self.subject_model.vehicle_class(one) if is_subject else one)
         for near, distant in self.distant_vtypes.items():
             place = self.class_names.index(distant)

@@ -35,7 +35,7 @@ def write_calibrated_scenario(record: CalibrationRecord, result: CalibrationResu
         problem.parts.subject.vehicle,
         draft,
         is_handed_over=True,
-        comments={name: _comment(result, name) for name in problem.layout.attributes},
+        comments={name: _comment(result, name) for name in problem.layout.names[problem.layout.num_inputs :]},
         head=f"calibrated by jaxcalib {result.versions['jaxcalib']}; seeds: {seeds}",
     )
     shutil.rmtree(folder, ignore_errors=True)

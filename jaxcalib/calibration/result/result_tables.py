@@ -211,7 +211,8 @@ def _agreement_warnings(record: CalibrationRecord) -> list[str]:
 
 def _bound_warnings(record: CalibrationRecord) -> list[str]:
     space = record.initial.space
-    natural = {"lcCooperative", "lcCooperativeSpeed", "lcKeepRight"}  # 0 and 1 are ordinary values of these
+    may_be_extreme = ("lcCooperative", "lcCooperativeSpeed", "lcKeepRight")  # 0 and 1 are ordinary values of these
+    natural = {name for attribute in may_be_extreme for name in space.layout.names_of(attribute)}
     return [
         f"{name} lies at a bound of its range ({space.ranges[place].lower:g} to {space.ranges[place].upper:g} "
         f"{space.ranges[place].unit}); widen the bounds or doubt the model."

@@ -127,7 +127,7 @@ def _plan_budget(problem: CalibrationProblem, scale: float) -> Budget:
 def _num_search_runs(problem: CalibrationProblem, plan: Budget) -> int:
     """Return the runs that a search makes, about."""
     departs_s, layout = problem.departs_s("fit"), problem.layout
-    cases = small_array(layout.num_inputs).num_cases + smallest_array(len(layout.attributes)).num_cases
+    cases = small_array(layout.num_inputs).num_cases + smallest_array(len(layout.driver_parameters)).num_cases
     per_candidate = in_rounds(departs_s, plan.runs_per_candidate)
     return (
         (cases + plan.num_evaluations + 3 * SHORTLISTED * SHORTLIST_RUNS) * per_candidate

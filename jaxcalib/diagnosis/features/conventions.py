@@ -129,9 +129,12 @@ def _acceleration(
 
 
 def expected_drivers(problem: CalibrationProblem, values: np.ndarray) -> tuple[ExpectedDrivers, ExpectedDrivers]:
-    """Return the background drivers and the subject vehicle's under parameter values."""
+    """Return the background drivers and the subject vehicle's under parameter values.
+
+    Logs do not say who is of which vType: background drivers are those of the first.
+    """
     world = problem.template.world(jnp.asarray(values, jnp.float32), jnp.asarray(0), jnp.asarray(0.0))
     names = problem.template.class_names
-    background = names.index(problem.layout.vtypes[0])
+    background = names.index(problem.layout.vtype_groups[0][0])
     step_s = problem.parts.scenario.step_s
     return ExpectedDrivers(world.classes[background], step_s), ExpectedDrivers(world.classes[-1], step_s)

@@ -15,6 +15,6 @@ def parameter_steps(layout: ParameterLayout, values: np.ndarray) -> np.ndarray:
     """Return the step of each parameter for its slope."""
     largest = int(np.argmax(values[: layout.num_inputs]))
     shares = [INPUT_STEPS[0] if number == largest else INPUT_STEPS[1] for number in range(layout.num_inputs)]
-    shares += map(slope_share, layout.attributes)
+    shares += [slope_share(attribute) for _, attribute in layout.driver_parameters]
     least = [LEAST_LANE_CHANGE_STEP if name.startswith("lc") else LEAST_STEP for name in layout.names]
     return np.maximum(np.abs(values) * np.asarray(shares), least)

@@ -22,6 +22,7 @@ from jaxcalib.calibration.stages.evaluator import AllRunsFailedError, Evaluator
 from jaxcalib.errors import CaseError
 from jaxcalib.problem.settings import Settings
 from jaxcalib.runs.progress import Silent
+from sim_adapters.interface import ParameterLayout
 from tests.jaxcalib.calibration.toy import SPACE, TRUTH, ToySimulator, toy_objective
 
 
@@ -35,7 +36,7 @@ def trial(method: str, pattern: int, repetition: int, seed: int) -> Trial:
 
 def without_simulators(monkeypatch: pytest.MonkeyPatch, find: Callable[..., Found]) -> None:
     """Let trials be made of what is found by a function, and of errors that are as they are."""
-    layout = SimpleNamespace(names=("main", "tau"), attributes=("tau",))
+    layout = ParameterLayout(("main",), (("f",),), ("car",), ("tau",))
     monkeypatch.setattr(trial_runs, "read_problem", lambda folder: SimpleNamespace(
         case=SimpleNamespace(name="toy", folder=folder, drives=(), scenario=None), layout=layout))  # fmt: skip
     monkeypatch.setattr(trial_runs, "find_values", find)

@@ -49,6 +49,22 @@ def test_a_sound_case(folder: Path, capsys: pytest.CaptureFixture[str]):
     assert "A calibration searches in the surrogate, and is confirmed in SUMO." in captured.out
 
 
+def test_vtypes_that_move_apart_are_told(folder: Path, capsys: pytest.CaptureFixture[str]):
+    case, demand = folder / "case.toml", folder / DEMAND
+    vtypes = '["lorry", "car"]\napart = "trucks"'
+    case.write_text(re.sub(r"vtypes = .*", f"vtypes = {vtypes}", case.read_text()))
+    lorry = '<vType id="lorry" vClass="truck" carFollowModel="IDM"/>'
+    text = demand.read_text().replace("<vType ", f"{lorry}<vType ", 1)
+    demand.write_text(text.replace('<flow id="f_on1_e" type="car"', '<flow id="f_on1_e" type="lorry"'))
+    assert check(folder) == 0
+    lines = capsys.readouterr().out.splitlines()
+    told = [line for line in lines if line.startswith("vTypes")]
+    assert told == [f"vTypes {vtype}: driver parameters of their own" for vtype in ("car", "lorry")]
+    case.write_text(case.read_text().replace('"trucks"', '[["car"]]'))
+    assert check(folder) == EXIT_CASE_WRONG
+    assert 'behaviour.apart: expected every vType in a group; "lorry" is in none.' in capsys.readouterr().err
+
+
 def test_what_the_first_run_showed(spoilt: Callable[..., CaseCheck]):
     run = spoilt().first_run
     assert run is not None

@@ -1,6 +1,8 @@
 """What a validation reads: RUN, counts, and what it refuses."""
 
+import dataclasses
 import json
+import math
 import re
 from pathlib import Path
 
@@ -13,7 +15,7 @@ from jaxcalib.problem.problem import CalibrationProblem, read_problem
 from jaxcalib.validation.calibrated_run import CalibratedRun, read_calibrated_run
 from jaxcalib.validation.counts import count_criteria, count_volumes, read_counts
 from jaxcalib.validation.validate import complete_rounds, round_requests, validate
-from sim_adapters.interface import RunOutcome, RunRequest, Status
+from sim_adapters.interface import ParameterLayout, RunOutcome, RunRequest, Status
 from tests.places import CORRIDOR
 
 
@@ -35,6 +37,43 @@ def test_calibrated_values_come_in_the_order_of_the_layout(problem: CalibrationP
     np.testing.assert_allclose(found.values, problem.template.base_values())
     assert found.first_seed == 7
     assert "run.json" in found.warnings[0]
+
+
+# the first of the first group is not the first of all, and vans want twice its time gap
+APART = ParameterLayout(
+    ("main", "on1"), (("f",), ("g",)), ("van", "truck", "car"), ("tau", "minGap"),
+    factors=((2.0, 1.0), (1.0, 1.0), (1.0, 1.0)), most=(math.inf, math.inf), groups=(("car", "van"), ("truck",)),
+)  # fmt: skip
+VALUES_APART = (2900.0, 410.0, 1.1, 2.2, 1.9, 3.1)
+
+
+def apart_result() -> dict:
+    behaviour = {vtype: APART.values_of(vtype, VALUES_APART[2:]) for vtype in APART.vtypes}
+    return {"format": 1, "parameters": {"demand": {"main": 2900.0, "on1": 410.0}, "behaviour": behaviour}}
+
+
+def with_layout(problem: CalibrationProblem, layout: ParameterLayout) -> CalibrationProblem:
+    return dataclasses.replace(problem, template=dataclasses.replace(problem.template, layout=layout))
+
+
+def test_each_group_s_values_are_read_back(problem: CalibrationProblem, tmp_path: Path):
+    (tmp_path / "result.json").write_text(json.dumps(apart_result()))
+    assert read_calibrated_run(tmp_path, with_layout(problem, APART)).values == VALUES_APART
+
+
+@pytest.mark.parametrize(
+    "layout",
+    [
+        dataclasses.replace(APART, groups=(("car", "van", "truck"),)),  # the case lets all move together
+        dataclasses.replace(APART, factors=(), most=()),  # or gives vans the values of cars
+    ],
+)
+def test_values_that_the_case_cannot_mean_are_refused(
+    layout: ParameterLayout, problem: CalibrationProblem, tmp_path: Path
+):
+    (tmp_path / "result.json").write_text(json.dumps(apart_result()))
+    with pytest.raises(CaseError, match=r"behaviour\.(van|truck): expected values that follow from those of \"car\""):
+        read_calibrated_run(tmp_path, with_layout(problem, layout))
 
 
 @pytest.mark.parametrize(
