@@ -22,6 +22,8 @@ LONGEST_SPAN_S = 4.0
 FEWEST_DRIVERS = 30
 LEAST_EXPLAINED_SHARE = 0.25  # below it the model does not describe these drivers, and its fit says nothing
 LEAST_OF_MEANS = 0.5  # the same of accelerations averaged over several steps, from which most noise is gone
+AT_BOUND = 0.005  # of the range
+MOST_AT_BOUNDS = 0.5  # of what is fitted: with more the model mimics drivers whom it does not describe
 LEAST_ERROR = 0.002  # of the unit range
 UNEXPLAINED_ERROR = 0.02  # of the unit range, where as many moments stay unexplained as are explained
 SPEED_FACTOR_ERROR = 0.02  # drivers as fast as the subject vehicle are met less often than others
@@ -105,7 +107,7 @@ def estimate_drivers(
             lower, upper = space.lower[chosen], space.upper[chosen]
             limit = limits_at(scenario, samples)
             following = fit_following(samples, limit, model_of, np.clip(start, lower, upper), lower, upper, seed)
-            if following.explained_share >= (LEAST_EXPLAINED_SHARE if num_steps == 1 else LEAST_OF_MEANS):
+            if is_believed(following, lower, upper, num_steps):
                 replay_loss = loss_of_pairs(samples, limit, model_of, following)
     if following is not None and replay_loss is not None:
         found = np.concatenate([space.lower[:num_inputs], values])
@@ -138,6 +140,22 @@ def estimate_drivers(
         error = assertive.logarithmic_error / np.log(one.upper / one.lower)
         note("lcAssertive", assertive.value, float(error), "accepted gaps")
     return DriverEstimate(values, unit_error, tuple(source), following, num_samples, tuple(fitted), replay_loss)
+
+
+def is_believed(following: FollowingFit, lower: np.ndarray, upper: np.ndarray, num_steps: int) -> bool:
+    """Whether the model describes the pairs: it explains them, and not by values at the bounds of what drivers have.
+
+    Args:
+        following: the fit.
+        lower: bounds of what was fitted.
+        upper: the same.
+        num_steps: steps over which accelerations were averaged.
+    """
+    margin = AT_BOUND * (upper - lower)
+    # 0 is an ordinary value of what begins there
+    is_at_bound = (following.values > upper - margin) | ((following.values < lower + margin) & (lower > 0.0))
+    least_share = LEAST_EXPLAINED_SHARE if num_steps == 1 else LEAST_OF_MEANS
+    return bool(following.explained_share >= least_share and np.mean(is_at_bound) < MOST_AT_BOUNDS)
 
 
 def steps_between_moments(numbers: Mapping[str, float], step_s: float) -> int:

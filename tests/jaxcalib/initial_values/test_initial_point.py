@@ -1,6 +1,7 @@
 """What the logs of the small case say before any traffic is simulated: its planted drivers, and its inflows."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from jaxcalib.initial_values.demand_profile import (
     SectionVolumes,
     estimate_demand,
 )
-from jaxcalib.initial_values.driver_values import steps_between_moments
+from jaxcalib.initial_values.driver_values import is_believed, steps_between_moments
 from jaxcalib.initial_values.initial_point import InitialPoint, find_initial_point, without_driver_logs
 from jaxcalib.problem.problem import CalibrationProblem
 from tests.small_case import RAMP, TRUE_INPUTS_VEHPH, TRUTH
@@ -169,3 +170,18 @@ def test_dawdling_drivers_are_looked_at_over_as_many_steps_as_average_it_out(
     numbers: dict[str, float], step_s: float, num_steps: int
 ) -> None:
     assert steps_between_moments(numbers, step_s) == num_steps
+
+
+@pytest.mark.parametrize(
+    ("values", "explained_share", "believed"),
+    [
+        ([1.2, 2.2, 0.0, 1.9], 0.8, True),  # 0 is an ordinary value of sigma
+        ([1.2, 6.0, 0.4, 1.9], 0.8, True),
+        ([1.2, 6.0, 0.4, 0.3], 0.8, False),
+        ([1.2, 2.2, 0.4, 1.9], 0.2, False),
+    ],
+)
+def test_a_fit_that_ends_at_the_bounds_is_not_believed(values: list[float], explained_share: float, believed: bool):
+    lower, upper = np.asarray([0.4, 0.5, 0.0, 0.3]), np.asarray([3.0, 6.0, 1.0, 5.0])
+    fit = SimpleNamespace(values=np.asarray(values), explained_share=explained_share)
+    assert is_believed(fit, lower, upper, 1) == believed  # pyright: ignore[reportArgumentType]
