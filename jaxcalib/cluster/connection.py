@@ -1,0 +1,145 @@
+"""A connection to a dask scheduler: tasks go out, and what becomes of them is a result or one line.
+
+A worker that dies takes its tasks with it; the scheduler gives them to another. What becomes of results is up to one
+process, this one: whatever workers do, nothing is lost or there twice.
+"""
+
+import queue
+import time
+import warnings
+from collections.abc import Callable
+from typing import Any, cast
+
+from distributed import Client, Future, KilledWorker
+from distributed.comm.core import CommClosedError
+
+from jaxcalib.cluster import at_worker
+from jaxcalib.errors import CaseError, ResourceError
+
+ANSWER_S = 15.0  # a scheduler that takes longer does not answer
+WORKERS_S = 60.0  # the longest that a cluster may be without any worker
+LOOK_S = 1.0  # between two looks at whether it is there still
+KEPT = "What was made so far is kept; give the same command again, with --resume if that asks for it."
+
+Ended = queue.SimpleQueue[Future]  # takes tasks that have ended
+
+
+class Cluster:
+    """A cluster with at least one worker."""
+
+    def __init__(self, address: str) -> None:
+        """Connect.
+
+        Args:
+            address: of the scheduler, for example tcp://10.0.0.1:8786.
+
+        Raises:
+            ResourceError: nobody answers there, or no worker comes.
+        """
+        self._address = address
+        try:
+            self._client = Client(address, timeout=ANSWER_S, set_as_default=False)
+        except (OSError, ValueError) as error:
+            reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+            raise self._error(f"expected a dask scheduler that answers; {reason}.") from None
+        try:
+            self._client.wait_for_workers(1, timeout=WORKERS_S)
+        except TimeoutError:
+            self.close()
+            raise self._error(f"no worker within {WORKERS_S:.0f} s.") from None
+
+    @property
+    def num_workers(self) -> int:
+        """Workers that are there."""
+        return len(self._client.scheduler_info(n_workers=-1)["workers"])
+
+    @property
+    def num_threads(self) -> int:
+        """Threads of all workers that are there."""
+        return sum(worker["nthreads"] for worker in self._client.scheduler_info(n_workers=-1)["workers"].values())
+
+    def keep(self, content: bytes) -> Future:
+        """Send something once that many tasks take; it stays as long as the future that is returned."""
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", message="Sending large graph")  # once, to be had again if a worker dies
+            return self._client.submit(at_worker.keep, content, pure=False)
+
+    def submit(self, ended: Ended, function: Callable[..., Any], *arguments: Any) -> Future:
+        """Have a worker call a function; arguments may be futures.
+
+        Args:
+            ended: takes the task when it has ended.
+            function: what to call, at the top of a module.
+            arguments: what to call it with.
+
+        Raises:
+            ResourceError: the scheduler is gone.
+        """
+        self._refuse_gone()
+        try:
+            task = self._client.submit(function, *arguments, pure=False)
+        except CommClosedError:
+            raise self._gone() from None
+        task.add_done_callback(ended.put)
+        return task
+
+    def next_of(self, ended: Ended) -> Future:
+        """Wait for a task to end; watch that there is somebody to do it.
+
+        Raises:
+            ResourceError: the scheduler is gone, or there is no worker for a while.
+        """
+        alone_since = None
+        while True:
+            try:
+                return ended.get(timeout=LOOK_S)
+            except queue.Empty:
+                pass
+            self._refuse_gone()
+            if self.num_workers:
+                alone_since = None
+                continue
+            alone_since = alone_since or time.monotonic()
+            if time.monotonic() - alone_since > WORKERS_S:
+                raise self._error(f"no worker for {WORKERS_S:.0f} s. {KEPT}")
+
+    def result_of(self, task: Future, name: str) -> Any:
+        """Return what a task that has ended returned.
+
+        Args:
+            task: the task.
+            name: what it is, for messages.
+
+        Raises:
+            ResourceError: the cluster is gone, the task has killed one worker after another, or a worker said so.
+            CaseError: a worker has another version of the program.
+        """
+        while task.status == "finished":
+            try:
+                return task.result(timeout=ANSWER_S)
+            except TimeoutError:  # whoever held the result is gone: another worker makes it again
+                self._refuse_gone()
+        if task.status in ("cancelled", "lost"):
+            raise self._error(f"the scheduler is gone or has dropped a task. {KEPT}")
+        error = cast(BaseException | None, task.exception(timeout=ANSWER_S))
+        if isinstance(error, CaseError | ResourceError):
+            raise error
+        if isinstance(error, KilledWorker):
+            raise self._error(f"{name} has killed one worker after another; memory? {KEPT}")
+        if isinstance(error, ImportError) or "Can't get attribute" in str(error):
+            raise self._error(f"a worker cannot import jaxcalib ({error}); install the same version there.")
+        raise error if error is not None else RuntimeError(f"the task of {name} is {task.status}")
+
+    def close(self) -> None:
+        """Leave the cluster; tasks that wait there are dropped."""
+        self._client.close(timeout=5)
+
+    def _refuse_gone(self) -> None:
+        if self._client.status != "running":
+            raise self._gone()
+
+    def _gone(self) -> ResourceError:
+        return self._error(f"the scheduler is gone. {KEPT}")
+
+    def _error(self, message: str) -> ResourceError:
+        return ResourceError(f"--cluster {self._address}: {message}")
