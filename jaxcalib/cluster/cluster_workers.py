@@ -6,6 +6,7 @@ folded here. So it does not matter to a result where a run was made, and workers
 
 import queue
 import tempfile
+import uuid
 import zlib
 from pathlib import Path
 
@@ -45,6 +46,7 @@ class ClusterWorkers:
         """Keep the connection."""
         self._cluster = cluster
         self._program = identify_program()
+        self._command = uuid.uuid4().hex
         self._networks: dict[Path, Future] = {}
 
     @property
@@ -67,7 +69,7 @@ class ClusterWorkers:
             files = packed(Path(name))
         network = self._network(job.net_file)
         ended: Ended = queue.SimpleQueue()
-        task = self._cluster.submit(ended, at_worker.make_run, self._program, network, files, job)
+        task = self._cluster.submit(ended, at_worker.make_run, self._program, self._command, network, files, job)
         return ClusterRun(self._cluster, ended, task, f"the run with seed {seed}")
 
     def _network(self, file: Path) -> Future:

@@ -4,6 +4,7 @@ A worker that dies takes its tasks with it; the scheduler gives them to another.
 process, this one: whatever workers do, nothing is lost or there twice.
 """
 
+import logging
 import queue
 import time
 import warnings
@@ -19,6 +20,7 @@ from jaxcalib.errors import CaseError, ResourceError
 ANSWER_S = 15.0  # a scheduler that takes longer does not answer
 WORKERS_S = 60.0  # the longest that a cluster may be without any worker
 LOOK_S = 1.0  # between two looks at whether it is there still
+CLOSE_S = 5.0  # the longest that it takes to leave it
 KEPT = "What was made so far is kept; give the same command again, with --resume if that asks for it."
 
 Ended = queue.SimpleQueue[Future]  # takes tasks that have ended
@@ -37,9 +39,13 @@ class Cluster:
             ResourceError: nobody answers there, or no worker comes.
         """
         self._address = address
+        self._log = logging.getLogger("distributed.client")
+        self._log_level = self._log.level
+        self._log.setLevel(logging.CRITICAL)  # what it would say of workers and scheduler is said here
         try:
             self._client = Client(address, timeout=ANSWER_S, set_as_default=False)
         except (OSError, ValueError) as error:
+            self._log.setLevel(self._log_level)
             reason = str(error).splitlines()[0] if str(error) else type(error).__name__
             raise self._error(f"expected a dask scheduler that answers; {reason}.") from None
         try:
@@ -51,12 +57,12 @@ class Cluster:
     @property
     def num_workers(self) -> int:
         """Workers that are there."""
-        return len(self._client.scheduler_info(n_workers=-1)["workers"])
+        return len(self._workers())
 
     @property
     def num_threads(self) -> int:
         """Threads of all workers that are there."""
-        return sum(worker["nthreads"] for worker in self._client.scheduler_info(n_workers=-1)["workers"].values())
+        return sum(worker["nthreads"] for worker in self._workers().values())
 
     def keep(self, content: bytes) -> Future:
         """Send something once that many tasks take; it stays as long as the future that is returned."""
@@ -117,10 +123,12 @@ class Cluster:
         while task.status == "finished":
             try:
                 return task.result(timeout=ANSWER_S)
-            except TimeoutError:  # whoever held the result is gone: another worker makes it again
+            except (TimeoutError, CommClosedError):  # whoever held the result is gone: another worker makes it again
+                time.sleep(LOOK_S)
                 self._refuse_gone()
         if task.status in ("cancelled", "lost"):
-            raise self._error(f"the scheduler is gone or has dropped a task. {KEPT}")
+            self._refuse_gone()
+            raise self._error(f"the scheduler has dropped {name}. {KEPT}")
         error = cast(BaseException | None, task.exception(timeout=ANSWER_S))
         if isinstance(error, CaseError | ResourceError):
             raise error
@@ -132,7 +140,14 @@ class Cluster:
 
     def close(self) -> None:
         """Leave the cluster; tasks that wait there are dropped."""
-        self._client.close(timeout=5)
+        self._client.close(timeout=CLOSE_S)
+        self._log.setLevel(self._log_level)
+
+    def _workers(self) -> dict[str, dict[str, Any]]:
+        try:
+            return self._client.scheduler_info(n_workers=-1)["workers"]
+        except (OSError, TimeoutError):
+            raise self._gone() from None
 
     def _refuse_gone(self) -> None:
         if self._client.status != "running":
