@@ -15,12 +15,13 @@ from distributed import Client, Future, KilledWorker
 from distributed.comm.core import CommClosedError
 
 from jaxcalib.cluster import at_worker
-from jaxcalib.errors import CaseError, ResourceError
+from jaxcalib.errors import ResourceError
 
 ANSWER_S = 15.0  # a scheduler that takes longer does not answer
 WORKERS_S = 60.0  # the longest that a cluster may be without any worker
 LOOK_S = 1.0  # between two looks at whether it is there still
 CLOSE_S = 5.0  # the longest that it takes to leave it
+MADE_OR_BEING_MADE = ("finished", "lost", "pending")  # lost with its worker, and to be made again
 KEPT = "What was made so far is kept; give the same command again, with --resume if that asks for it."
 
 Ended = queue.SimpleQueue[Future]  # takes tasks that have ended
@@ -47,12 +48,12 @@ class Cluster:
         except (OSError, ValueError) as error:
             self._log.setLevel(self._log_level)
             reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-            raise self._error(f"expected a dask scheduler that answers; {reason}.") from None
+            raise self.error(f"expected a dask scheduler that answers; {reason}.") from None
         try:
             self._client.wait_for_workers(1, timeout=WORKERS_S)
         except TimeoutError:
             self.close()
-            raise self._error(f"no worker within {WORKERS_S:.0f} s.") from None
+            raise self.error(f"no worker within {WORKERS_S:.0f} s.") from None
 
     @property
     def num_workers(self) -> int:
@@ -81,7 +82,7 @@ class Cluster:
         Raises:
             ResourceError: the scheduler is gone.
         """
-        self._refuse_gone()
+        self.refuse_gone()
         try:
             task = self._client.submit(function, *arguments, pure=False)
         except CommClosedError:
@@ -95,22 +96,18 @@ class Cluster:
         Raises:
             ResourceError: the scheduler is gone, or there is no worker for a while.
         """
-        alone_since = None
+        watch = _Watch(self)
         while True:
             try:
                 return ended.get(timeout=LOOK_S)
             except queue.Empty:
-                pass
-            self._refuse_gone()
-            if self.num_workers:
-                alone_since = None
-                continue
-            alone_since = alone_since or time.monotonic()
-            if time.monotonic() - alone_since > WORKERS_S:
-                raise self._error(f"no worker for {WORKERS_S:.0f} s. {KEPT}")
+                watch.look()
 
     def result_of(self, task: Future, name: str) -> Any:
         """Return what a task that has ended returned.
+
+        A result stays with the worker that made it until it is asked for here; where that worker is gone, another makes
+        it again.
 
         Args:
             task: the task.
@@ -120,23 +117,30 @@ class Cluster:
             ResourceError: the cluster is gone, the task has killed one worker after another, or a worker said so.
             CaseError: a worker has another version of the program.
         """
-        while task.status == "finished":
+        watch = _Watch(self)
+        while task.status in MADE_OR_BEING_MADE:
             try:
                 return task.result(timeout=ANSWER_S)
-            except (TimeoutError, CommClosedError):  # whoever held the result is gone: another worker makes it again
+            except (TimeoutError, CommClosedError):
+                watch.look()
                 time.sleep(LOOK_S)
-                self._refuse_gone()
-        if task.status in ("cancelled", "lost"):
-            self._refuse_gone()
-            raise self._error(f"the scheduler has dropped {name}. {KEPT}")
-        error = cast(BaseException | None, task.exception(timeout=ANSWER_S))
-        if isinstance(error, CaseError | ResourceError):
-            raise error
-        if isinstance(error, KilledWorker):
-            raise self._error(f"{name} has killed one worker after another; memory? {KEPT}")
-        if isinstance(error, ImportError) or "Can't get attribute" in str(error):
-            raise self._error(f"a worker cannot import jaxcalib ({error}); install the same version there.")
-        raise error if error is not None else RuntimeError(f"the task of {name} is {task.status}")
+            except Exception:
+                if task.status in MADE_OR_BEING_MADE:
+                    raise
+        raise self._failure_of(task, name)
+
+    def refuse_gone(self) -> None:
+        """Refuse to go on where the scheduler is gone.
+
+        Raises:
+            ResourceError: it is.
+        """
+        if self._client.status != "running":
+            raise self._gone()
+
+    def error(self, message: str) -> ResourceError:
+        """Return the error that says what is wrong with this cluster."""
+        return ResourceError(f"--cluster {self._address}: {message}")
 
     def close(self) -> None:
         """Leave the cluster; tasks that wait there are dropped."""
@@ -149,12 +153,38 @@ class Cluster:
         except (OSError, TimeoutError):
             raise self._gone() from None
 
-    def _refuse_gone(self) -> None:
-        if self._client.status != "running":
-            raise self._gone()
+    def _failure_of(self, task: Future, name: str) -> BaseException:
+        if task.status == "cancelled":
+            self.refuse_gone()
+            return self.error(f"the scheduler has dropped {name}. {KEPT}")
+        error = cast(BaseException | None, task.exception(timeout=ANSWER_S))
+        if isinstance(error, KilledWorker):
+            return self.error(f"{name} has killed one worker after another; memory? {KEPT}")
+        if isinstance(error, ImportError) or "Can't get attribute" in str(error):
+            return self.error(f"a worker cannot import jaxcalib ({error}); install the same version there.")
+        return error or RuntimeError(f"the task of {name} is {task.status}")
 
     def _gone(self) -> ResourceError:
-        return self._error(f"the scheduler is gone. {KEPT}")
+        return self.error(f"the scheduler is gone. {KEPT}")
 
-    def _error(self, message: str) -> ResourceError:
-        return ResourceError(f"--cluster {self._address}: {message}")
+
+class _Watch:
+    """Whether a cluster can still do its work, asked from time to time by whoever waits for it."""
+
+    def __init__(self, cluster: Cluster) -> None:
+        self._cluster = cluster
+        self._alone_since: float | None = None
+
+    def look(self) -> None:
+        """Refuse to wait on where the scheduler is gone, or no worker was there for a while.
+
+        Raises:
+            ResourceError: so it is.
+        """
+        self._cluster.refuse_gone()
+        if self._cluster.num_workers:
+            self._alone_since = None
+            return
+        self._alone_since = self._alone_since or time.monotonic()
+        if time.monotonic() - self._alone_since > WORKERS_S:
+            raise self._cluster.error(f"no worker for {WORKERS_S:.0f} s. {KEPT}")
