@@ -46,9 +46,11 @@ def write_drives(
         num_processes=num_processes,
     ) as sumo:
         requests = [RunRequest(tuple(values), first_seed + n, drive.depart_s) for n, drive in enumerate(drives)]
-        waiting = [sumo.start(request)[1] for request in requests]
-        for drive, pending in zip(drives, waiting, strict=True):
-            run = pending.result()
+        waiting = [sumo.begin(request) for request in requests]
+        for drive, begun in zip(drives, waiting, strict=True):
+            run = begun.result()
+            if isinstance(run, str):
+                raise RuntimeError(f"drive {drive.id} failed in SUMO: {run}")
             if not len(run.time_s):
                 raise RuntimeError(f"the subject vehicle of drive {drive.id} never entered; the entrance was full")
             subject, objects = log_tables(run, geometry, perception.ahead_m, perception.behind_m)

@@ -18,6 +18,7 @@ from jaxcalib.calibration.stages.budget import Budget
 from jaxcalib.calibration.stages.evaluator import Evaluations, Evaluator
 from jaxcalib.calibration.value_search import SearchedValues, plan_calibration, search_values
 from jaxcalib.case.case import Role
+from jaxcalib.cluster.opening import sumo_workers_at
 from jaxcalib.errors import CaseError
 from jaxcalib.problem.engines import prepare_devices, sumo_engine, surrogate_engine
 from jaxcalib.problem.parameter_space import parameter_space, round_values
@@ -44,6 +45,7 @@ def calibrate(
     resume: bool = False,
     settings: Settings | Path | None = None,
     engine: SearchEngine = "auto",
+    cluster: str | None = None,
     progress: Progress | None = None,
 ) -> CalibrationResult:
     """Calibrate demand and driver behaviour of a case.
@@ -57,6 +59,7 @@ def calibrate(
         settings: further options, or a TOML file of them.
         engine: which simulator makes the search's runs: the surrogate wherever it can follow the scenario ("auto"), or
             SUMO alone.
+        cluster: address of a dask scheduler whose workers make SUMO's runs; None for this machine.
         progress: told how far it is.
 
     Returns:
@@ -65,7 +68,7 @@ def calibrate(
     Raises:
         CaseError: the case, the settings or RUN are wrong; one line says what.
         AllRunsFailedError: a simulator failed.
-        ResourceError: a disk is full.
+        ResourceError: a disk is full, or the cluster does not answer.
     """
     began_s = time.perf_counter()
     if not 0 <= seed <= MOST_SEED or not 0.05 <= budget <= 100.0:
@@ -80,9 +83,13 @@ def calibrate(
     parameter_space(problem.layout, problem.model, demand, chosen.scaling_factor, chosen.bounds)  # are they sound?
     in_sumo = is_searched_in_sumo(problem, engine)
     options = {"seed": seed, "budget": budget, "settings": repr(chosen)} | ({"engine": "sumo"} if in_sumo else {})
-    with open_session(
-        out, identify(problem.case, options), seed=seed, progress=progress, resume=resume, began_s=began_s
-    ) as session:
+    identity = identify(problem.case, options)
+    with (
+        sumo_workers_at(cluster) as workers,
+        open_session(
+            out, identity, seed=seed, progress=progress, resume=resume, began_s=began_s, sumo_workers=workers
+        ) as session,
+    ):
         record = find_and_judge_values(
             problem, chosen, budget, session, in_sumo=in_sumo, may_leave_surrogate=engine == "auto"
         )
@@ -128,7 +135,7 @@ def find_and_judge_values(
     session.stopwatch.add("reading", time.perf_counter() - session.began_s)
     session.progress.plan(plan.num_surrogate_runs, plan.num_sumo_runs)
     engine = None if in_sumo else surrogate_engine(problem)
-    with sumo_engine(problem) as sumo_pool:
+    with sumo_engine(problem, workers=session.sumo_workers) as sumo_pool:
         sumo = JournaledSumo(sumo_pool, session.journal)
         waiting = start_scenario_runs(problem, sumo, plan, session)
         searched = search_values(

@@ -23,6 +23,7 @@ def calibrate(
     resume: Annotated[bool, Parameter(negative="")] = False,
     settings: Path | None = None,
     engine: Literal["auto", "surrogate", "sumo"] = "auto",
+    cluster: str | None = None,
     quiet: Annotated[bool, Parameter(negative="")] = False,
 ) -> int:
     """Calibrate demand and driver behaviour of a case.
@@ -45,6 +46,8 @@ def calibrate(
         TOML file with further options (docs/settings.md).
     engine
         Simulator that makes the search's runs: the surrogate where it can follow the scenario (auto), or SUMO alone.
+    cluster
+        Address of a dask scheduler whose workers make SUMO's runs (docs/cluster.md).
     quiet
         Say nothing but errors.
     """
@@ -56,8 +59,9 @@ def calibrate(
     def work() -> str:
         with Silent() if quiet else TerminalProgress() as progress:
             result = run(
-                case, out, seed=seed, budget=budget, resume=resume, settings=settings, engine=engine, progress=progress
-            )
+                case, out, seed=seed, budget=budget, resume=resume, settings=settings, engine=engine,
+                cluster=cluster, progress=progress,
+            )  # fmt: skip
         return "" if quiet else summary(result, out)
 
     return guarded(work, f"go on with: jaxcalib calibrate {case} --out {out} --resume", out)
@@ -130,6 +134,7 @@ def diagnose(
     seed: Annotated[int, Parameter(validator=Number(gte=0, lte=2000))] = 0,
     budget: Annotated[float, Parameter(validator=Number(gte=0.05, lte=100.0))] = 1.0,
     resume: Annotated[bool, Parameter(negative="")] = False,
+    cluster: str | None = None,
     quiet: Annotated[bool, Parameter(negative="")] = False,
 ) -> int:
     """Tell where simulation and road differ, which missing effect causes it, and how far adding it closes the gap.
@@ -148,6 +153,8 @@ def diagnose(
         Factor on the numbers of simulation runs: 0.5 is quick, 2 is thorough.
     resume
         Go on with a diagnosis that was stopped.
+    cluster
+        Address of a dask scheduler whose workers make SUMO's runs (docs/cluster.md).
     quiet
         Say nothing but errors.
     """
@@ -159,7 +166,7 @@ def diagnose(
 
     def work() -> str:
         with Silent() if quiet else TerminalProgress() as progress:
-            found = run(case, out, seed=seed, budget=budget, resume=resume, progress=progress)
+            found = run(case, out, seed=seed, budget=budget, resume=resume, cluster=cluster, progress=progress)
         return "" if quiet else summary(found, out)
 
     return guarded(work, f"go on with: jaxcalib diagnose {case} --out {out} --resume", out)
@@ -275,7 +282,7 @@ def sweep(
     merge
         Check that nothing is missing of what the jobs have made, and write the table.
     cluster
-        Address of a dask scheduler whose workers make the runs.
+        Address of a dask scheduler whose workers make the runs (docs/cluster.md).
     resume
         Insist on a sweep that was begun.
     quiet
@@ -301,6 +308,7 @@ def validate(
     drives: Literal["held_out", "fit"] | None = None,
     counts: Path | None = None,
     resume: Annotated[bool, Parameter(negative="")] = False,
+    cluster: str | None = None,
     quiet: Annotated[bool, Parameter(negative="")] = False,
 ) -> int:
     """Judge a calibrated result by the field, in SUMO alone: every criterion with its standard, pass or fail.
@@ -323,12 +331,14 @@ def validate(
         Table of counted vehicles (docs/validate.md); GEH and FHWA 2019 need one.
     resume
         Go on with a validation that was stopped.
+    cluster
+        Address of a dask scheduler whose workers make SUMO's runs (docs/cluster.md).
     quiet
         Say nothing but errors.
     """
     from jaxcalib.cli.validate_command import ValidateOptions, run_validation
 
-    return run_validation(ValidateOptions(case, run, out, seeds, drives, counts, resume, quiet))
+    return run_validation(ValidateOptions(case, run, out, seeds, drives, counts, resume, cluster, quiet))
 
 
 def main() -> None:

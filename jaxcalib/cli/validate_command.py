@@ -22,6 +22,7 @@ class ValidateOptions:
     drives: Literal["held_out", "fit"] | None
     counts: Path | None
     resume: bool
+    cluster: str | None
     quiet: bool
 
 
@@ -33,7 +34,7 @@ def run_validation(options: ValidateOptions) -> int:
         with Silent() if options.quiet else TerminalProgress() as progress:
             result = validate(
                 options.case, options.run, options.out, seeds=options.seeds, drives=options.drives,
-                counts=options.counts, resume=options.resume, progress=progress,
+                counts=options.counts, resume=options.resume, cluster=options.cluster, progress=progress,
             )  # fmt: skip
         return "" if options.quiet else _summary(result, folder)
 

@@ -4,6 +4,7 @@ import os
 import time
 from pathlib import Path
 
+from jaxcalib.cluster.opening import sumo_workers_at
 from jaxcalib.diagnosis.answer.answer import Diagnosis
 from jaxcalib.diagnosis.answer.conclusion import conclude
 from jaxcalib.diagnosis.answer.findings import Findings
@@ -32,6 +33,7 @@ def diagnose(
     seed: int = 0,
     budget: float = 1.0,
     resume: bool = False,
+    cluster: str | None = None,
     progress: Progress | None = None,
 ) -> Diagnosis:
     """Diagnose the gap between a case's scenario and its logs.
@@ -42,6 +44,7 @@ def diagnose(
         seed: of all random numbers, 0 to 2000.
         budget: factor on the numbers of runs; the same budget does the same work on any machine.
         resume: go on with what `out` holds.
+        cluster: address of a dask scheduler whose workers make SUMO's runs; None for this machine.
         progress: told how far it is.
 
     Returns:
@@ -50,7 +53,7 @@ def diagnose(
     Raises:
         CaseError: the case or RUN are wrong; one line says what.
         AllRunsFailedError: a simulator failed.
-        ResourceError: a disk is full.
+        ResourceError: a disk is full, or the cluster does not answer.
     """
     began_s = time.perf_counter()
     if not 0 <= seed <= MOST_SEED or not 0.05 <= budget <= 100.0:
@@ -61,7 +64,12 @@ def diagnose(
     prepare_devices(len(os.sched_getaffinity(0)))
     problem = read_problem(case, as_stated=True)
     identity = identify(problem.case, {"command": "diagnose", "seed": seed, "budget": budget})
-    with open_session(out, identity, seed=seed, progress=progress, resume=resume, began_s=began_s) as work:
+    with (
+        sumo_workers_at(cluster) as workers,
+        open_session(
+            out, identity, seed=seed, progress=progress, resume=resume, began_s=began_s, sumo_workers=workers
+        ) as work,
+    ):
         return _diagnose(begin_session(problem, budget, work))
 
 

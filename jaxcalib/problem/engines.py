@@ -11,6 +11,7 @@ from sim_adapters.jax.simulator import JaxSimulator
 from sim_adapters.sumo.distant import DistantTypes
 from sim_adapters.sumo.driver import subject_control
 from sim_adapters.sumo.simulator import FrameFold, SensorRange, SumoSimulator, VehicleCounter
+from sim_adapters.sumo.workers import SumoWorkers
 from sim_adapters.units import METRES_PER_KILOMETRE
 from surrogate.loop.run_state import Observer, RunPlan
 from surrogate.loop.world import Clock
@@ -71,14 +72,16 @@ def sumo_engine(
     num_processes: int | None = None,
     fold: FrameFold | None = None,
     counter: VehicleCounter | None = None,
+    workers: SumoWorkers | None = None,
 ) -> SumoSimulator:
     """Return SUMO for a problem; close it after use.
 
     Args:
         problem: the problem.
-        num_processes: workers; one for each core unless given.
+        num_processes: processes of its own; one for each core unless given.
         fold: turns the frames of a drive into numbers; the problem's unless given.
         counter: counts vehicles instead, up to the end of the scenario.
+        workers: who makes the runs, and outlives this; processes of its own unless given.
     """
     perception, clock = problem.case.perception, _clock(problem)
     plan = RunPlan(clock, 0, round(problem.frame_interval_s / clock.step_s))
@@ -95,6 +98,7 @@ def sumo_engine(
             counter=counter,
             control=lambda request: subject_control(problem.template, request, clock, plan.steps_before_decision),
             distant=_distant_types(problem, clock, plan.steps_before_decision),
+            workers=workers,
         )
 
 

@@ -72,6 +72,11 @@ def is_of_disk(error: OSError) -> bool:
     return error.errno in (*DISK_ERRORS, errno.EROFS)
 
 
+def is_of_full_disk(log_tail: str) -> bool:
+    """Return whether a simulator's last words say that a disk was full."""
+    return any(words in log_tail for words in DISK_FULL)
+
+
 def full_disk(folder: Path, error: OSError | str) -> ResourceError:
     """Return the error that says that a disk gave out."""
     reason = error.strerror if isinstance(error, OSError) else error
@@ -88,6 +93,6 @@ def checked_disk(outcomes: list[RunOutcome]) -> list[RunOutcome]:
         ResourceError: one did.
     """
     for outcome in outcomes:
-        if outcome.status is Status.FAILED and any(words in outcome.log_tail for words in DISK_FULL):
+        if outcome.status is Status.FAILED and is_of_full_disk(outcome.log_tail):
             raise full_disk(Path(tempfile.gettempdir()), "no room for SUMO's output")
     return outcomes

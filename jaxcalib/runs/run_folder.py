@@ -89,13 +89,6 @@ def identify(case: Case, options: dict[str, Any], more_packages: Sequence[Path] 
 
     More packages are folders of code above this one that runs depend on, too.
     """
-    program = hashlib.sha256()
-    below = (Path(p) for package in (sim_adapters, surrogate) for p in package.__path__)
-    own = (Path(__file__).parents[1], *below)
-    for package in (*own, *more_packages):
-        _add_files(program, package, "*.py")
-    versions = [f"{name} {metadata.version(name)}" for name in LIBRARIES]
-    program.update("\n".join([*versions, platform.python_version(), platform.machine()]).encode())
     files = hashlib.sha256()
     _add_files(files, case.folder, "*")
     for file in files_elsewhere(case):
@@ -103,8 +96,20 @@ def identify(case: Case, options: dict[str, Any], more_packages: Sequence[Path] 
     return {
         "case": f"{case.name} {files.hexdigest()}",
         "options": json.dumps(options, sort_keys=True),
-        "program": program.hexdigest(),
+        "program": identify_program(more_packages),
     }
+
+
+def identify_program(more_packages: Sequence[Path] = ()) -> str:
+    """Return the digest of the program with its libraries; see `identify`."""
+    program = hashlib.sha256()
+    below = (Path(p) for package in (sim_adapters, surrogate) for p in package.__path__)
+    own = (Path(__file__).parents[1], *below)
+    for package in (*own, *more_packages):
+        _add_files(program, package, "*.py")
+    versions = [f"{name} {metadata.version(name)}" for name in LIBRARIES]
+    program.update("\n".join([*versions, platform.python_version(), platform.machine()]).encode())
+    return program.hexdigest()
 
 
 def files_elsewhere(case: Case) -> tuple[Path, ...]:

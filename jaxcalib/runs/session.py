@@ -4,7 +4,7 @@ import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from jaxcalib.runs.journal import Journal
@@ -12,6 +12,7 @@ from jaxcalib.runs.progress import Progress, Silent
 from jaxcalib.runs.run_folder import RunFolder, open_run_folder
 from jaxcalib.runs.seeds import SEEDS_PER_CALIBRATION
 from jaxcalib.runs.stopwatch import Stopwatch
+from sim_adapters.sumo.workers import SumoWorkers
 
 
 @dataclass(frozen=True)
@@ -23,6 +24,8 @@ class Session:
     progress: Progress  # told how far the work is
     stopwatch: Stopwatch  # takes the time of each part
     began_s: float  # when the command began, by `time.perf_counter`
+    # who makes SUMO's runs; None for processes of this machine
+    sumo_workers: SumoWorkers | None = field(default=None, kw_only=True)
 
     @property
     def journal(self) -> Journal:
@@ -53,6 +56,7 @@ def open_session(
     progress: Progress | None = None,
     resume: bool = False,
     began_s: float | None = None,
+    sumo_workers: SumoWorkers | None = None,
 ) -> Iterator[Session]:
     """Open RUN for the work of a command, and close it behind it.
 
@@ -63,6 +67,7 @@ def open_session(
         progress: told how far the work is; nobody is, if None.
         resume: whether to go on with what `out` holds.
         began_s: when the command began, by `time.perf_counter`; now, if None.
+        sumo_workers: who makes SUMO's runs; processes of this machine, if None.
 
     Raises:
         CaseError: as `open_run_folder`.
@@ -71,9 +76,12 @@ def open_session(
     if out is None:
         with (
             tempfile.TemporaryDirectory(prefix="jaxcalib-") as folder,
-            open_session(Path(folder) / "run", identity, seed=seed, progress=progress, began_s=began_s) as session,
+            open_session(
+                Path(folder) / "run", identity, seed=seed, progress=progress, began_s=began_s, sumo_workers=sumo_workers
+            ) as session,
         ):
             yield session
         return
     with open_run_folder(Path(out), identity, resume) as folder:
-        yield Session(folder, seed, progress or Silent(), Stopwatch(folder.journal.clock), began_s)
+        stopwatch = Stopwatch(folder.journal.clock)
+        yield Session(folder, seed, progress or Silent(), stopwatch, began_s, sumo_workers=sumo_workers)

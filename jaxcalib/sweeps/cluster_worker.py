@@ -1,69 +1,44 @@
-"""What a worker of a cluster does: one block after another, with engines that stay from block to block."""
+"""What a worker of a cluster does for a sweep: one block after another, of a case that stays from block to block."""
 
-import atexit
-import io
-import multiprocessing
-import os
-import shutil
 import tempfile
 import threading
-import zipfile
 from pathlib import Path
 
-from distributed import get_worker
-
-from jaxcalib.case.case import read_case
-from jaxcalib.errors import CaseError
+from jaxcalib.cluster.archive import unpack
+from jaxcalib.cluster.at_worker import check_program
+from jaxcalib.cluster.sumo_pools import num_cores, scratch_folder, sumo_workers_for
 from jaxcalib.problem.engines import prepare_devices, sumo_engine
-from jaxcalib.problem.problem import read_problem
-from jaxcalib.runs.run_folder import identify
+from jaxcalib.problem.problem import CalibrationProblem, read_problem
 from jaxcalib.sweeps.local_engines import RoomySurrogate
 from jaxcalib.sweeps.plan import Engine
 from sim_adapters.interface import RunOutcome, RunRequest
-from sim_adapters.sumo.simulator import SumoSimulator
 
-_ENGINES: dict[tuple[str, str], RoomySurrogate | SumoSimulator] = {}
+_PROBLEMS: dict[str, CalibrationProblem] = {}  # by the case's identity
+_SURROGATES: dict[str, RoomySurrogate] = {}
 _ONE_AT_A_TIME = threading.Lock()  # an engine uses all cores that the worker has
 
 
-def keep(content: bytes) -> bytes:
-    """Return what is given: a task, so that the scheduler can make it again when a worker that holds it dies."""
-    return content
-
-
 def run_block(case: bytes, identity: dict[str, str], engine: Engine, requests: list[RunRequest]) -> list[RunOutcome]:
-    """Make the runs of a block; the case comes as a zip archive of its folder.
+    """Make the runs of a block; the case comes as `archive.packed` packs its folder.
 
     Raises:
         CaseError: this worker has another version of the program.
     """
+    check_program(identity["program"])
     with _ONE_AT_A_TIME:
-        key = (identity["case"], engine)
-        if key not in _ENGINES:
-            _ENGINES[key] = _prepared(case, identity, engine)
-        return _ENGINES[key].run(requests)
+        name = identity["case"]
+        if name not in _PROBLEMS:
+            _PROBLEMS[name] = _read(case)
+        if engine == "surrogate":
+            if name not in _SURROGATES:
+                _SURROGATES[name] = RoomySurrogate(_PROBLEMS[name])
+            return _SURROGATES[name].run(requests)
+        with sumo_workers_for(name) as workers:
+            return sumo_engine(_PROBLEMS[name], workers=workers).run(requests)
 
 
-def _prepared(case: bytes, identity: dict[str, str], engine: Engine) -> RoomySurrogate | SumoSimulator:
-    folder = Path(tempfile.mkdtemp(prefix="jaxcalib-case-"))
-    atexit.register(shutil.rmtree, folder, ignore_errors=True)
-    # not tar, whose extraction is safe from Python 3.11.4 on only
-    with zipfile.ZipFile(io.BytesIO(case)) as archive:
-        archive.extractall(folder)
-    found = identify(read_case(folder), {})
-    if found["program"] != identity["program"]:
-        raise CaseError(
-            "cluster", f"worker {os.uname().nodename}", "expected the version of program and libraries that the sweep "
-            "was begun with; install the same there.",
-        )  # fmt: skip
-    num_cores = min(len(os.sched_getaffinity(0)), get_worker().state.nthreads)
-    prepare_devices(num_cores)
-    problem = read_problem(folder)
-    if engine == "surrogate":
-        return RoomySurrogate(problem)
-    # Nannies start workers as daemons, which must not have children. SUMO's processes end with their parent by
-    # themselves, which is what that rule is for.
-    multiprocessing.current_process().daemon = False
-    simulator = sumo_engine(problem, num_cores)
-    atexit.register(simulator.close)
-    return simulator
+def _read(case: bytes) -> CalibrationProblem:
+    folder = Path(tempfile.mkdtemp(prefix="case-", dir=scratch_folder()))
+    unpack(case, folder)
+    prepare_devices(num_cores())
+    return read_problem(folder)

@@ -9,6 +9,7 @@ from typing import Any
 import pandas as pd
 import pyarrow.parquet as pq
 
+from jaxcalib.cluster.opening import connect
 from jaxcalib.errors import CaseError, quote
 from jaxcalib.problem.problem import read_problem
 from jaxcalib.problem.settings import Settings
@@ -201,13 +202,10 @@ def rows_of_shard(description: dict[str, Any], shard: Shard) -> int:
 def _runner(prepared: PreparedSweep, cluster: str | None) -> BlockEngine:
     if cluster is None:
         return local_engine(prepared.problem, prepared.plan.engine)
-    try:
-        from jaxcalib.sweeps.cluster import ClusterEngine
-    except ModuleNotFoundError as error:
-        if (error.name or "").partition(".")[0] not in ("distributed", "dask"):
-            raise
-        raise CaseError("command line", "--cluster", "expected dask; pip install 'jaxcalib[cluster]'.") from None
-    return ClusterEngine(cluster, prepared.problem, prepared.plan.engine, prepared.identity)
+    connection = connect(cluster)
+    from jaxcalib.sweeps.cluster import ClusterEngine  # dask may not be installed
+
+    return ClusterEngine(connection, prepared.problem, prepared.plan.engine, prepared.identity)
 
 
 def _result(

@@ -13,6 +13,7 @@ from jaxcalib.calibration.result.result import rounded, to_json
 from jaxcalib.calibration.result.simulation_health import health_of
 from jaxcalib.calibration.stages.evaluator import AllRunsFailedError, gather
 from jaxcalib.case.case import Role
+from jaxcalib.cluster.opening import sumo_workers_at
 from jaxcalib.errors import CaseError
 from jaxcalib.problem.engines import prepare_devices, sumo_engine
 from jaxcalib.problem.problem import CalibrationProblem, read_problem
@@ -58,6 +59,7 @@ def validate(
     drives: Literal["held_out", "fit"] | None = None,
     counts: Path | str | None = None,
     resume: bool = False,
+    cluster: str | None = None,
     progress: Progress | None = None,
 ) -> ValidationResult:
     """Judge a calibrated result by the field's drives, in SUMO, on seeds that the calibration has not seen.
@@ -70,6 +72,7 @@ def validate(
         drives: role of the drives that it is judged by; held-out drives where there are any unless given.
         counts: table of counted vehicles, for GEH and the criteria of FHWA 2019.
         resume: go on with a validation that was stopped.
+        cluster: address of a dask scheduler whose workers make SUMO's runs; None for this machine.
         progress: told how far it is.
 
     Returns:
@@ -78,7 +81,7 @@ def validate(
     Raises:
         CaseError: the case, RUN or the folder is wrong; one line says what.
         AllRunsFailedError: hardly any run succeeded.
-        ResourceError: the disk is full.
+        ResourceError: the disk is full, or the cluster does not answer.
     """
     began_s = time.perf_counter()
     if not FEWEST_ROUNDS <= seeds <= MOST_SEEDS:
@@ -98,7 +101,12 @@ def validate(
         "counts": None if counted is None else [list(counted.places), np.nan_to_num(counted.vehicles, nan=-1).tolist()],
     }  # fmt: skip
     identity = identify(problem.case, options)
-    with open_session(folder, identity, progress=progress, resume=resume, began_s=began_s) as session:
+    with (
+        sumo_workers_at(cluster) as workers,
+        open_session(
+            folder, identity, progress=progress, resume=resume, began_s=began_s, sumo_workers=workers
+        ) as session,
+    ):
         result = _validate(problem, calibrated, role, seeds, counted, session)
         session.folder.write_text("validation.json", to_json(result))
         session.folder.write_text("validation.html", validation_html(result))
@@ -119,7 +127,7 @@ def _validate(
     count_requests = [] if counted is None else _count_requests(calibrated, requests, seeds)
     session.progress.plan(0, len(requests) + len(count_requests))
     session.progress.stage("validation")
-    with sumo_engine(problem, fold=observer) as pool:
+    with sumo_engine(problem, fold=observer, workers=session.sumo_workers) as pool:
         sumo = JournaledSumo(pool, session.journal)
         check = start_scenario_check(problem, calibrated.first_seed, sumo.start)
         wait = sumo.start(requests, session.progress.sumo_runs)
@@ -235,6 +243,6 @@ def _counts_of(
     """
     if counted is None:
         return np.zeros((0, 0))
-    with sumo_engine(problem, counter=counted) as sumo:
+    with sumo_engine(problem, counter=counted, workers=session.sumo_workers) as sumo:
         outcomes = JournaledSumo(sumo, session.journal).start(requests, session.progress.sumo_runs)()
     return gather([outcomes]).tally[0][[outcome.status.is_ok for outcome in outcomes]]

@@ -15,33 +15,22 @@ LOG_TAIL_CHARACTERS = 2000
 
 
 class AttemptedRun:
-    """A run that has been started, and that answers one request or several."""
+    """A run that has been started."""
 
-    def __init__(self, start: Callable[[], tuple[Path, Future[SumoRun]]], seed: int, num_answers: int) -> None:
+    def __init__(self, start: Callable[[], tuple[Path, Future[SumoRun]]], seed: int) -> None:
         """Start the run.
 
         Args:
             start: starts it and returns its folder, which is removed after it, and what waits for it.
             seed: its seed, for the log.
-            num_answers: how often its result is asked for; then it is let go.
         """
-        self._start, self._seed, self._num_to_answer = start, seed, num_answers
+        self._start, self._seed = start, seed
         self._folder: Path
         self._future: Future[SumoRun] | None
         self._folder, self._future = start()
-        self._result: SumoRun | str | None = None
 
     def result(self) -> SumoRun | str:
-        """Wait for the run and return it; the last words of SUMO where it failed for good."""
-        if self._result is None:
-            self._result = self._made()
-        result = self._result
-        self._num_to_answer -= 1
-        if not self._num_to_answer:
-            self._result = None
-        return result
-
-    def _made(self) -> SumoRun | str:
+        """Wait for the run and return it; the last words of SUMO where it failed for good. To be called once."""
         problem = tail = ""
         for attempt in range(TRIES):
             if attempt:

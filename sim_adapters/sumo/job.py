@@ -23,7 +23,8 @@ class SumoFailedError(RuntimeError):
 class SumoJob:
     """A run to make."""
 
-    config: Path  # configuration to run
+    config: Path  # configuration to run; the files that it names lie beside it, but for the network
+    net_file: Path  # the network
     folder: Path  # where outputs go; removed by whoever made it
     seed: int  # SUMO's seed
     subject_vehicles: tuple[str, ...]  # ids of the subject vehicles, by departure

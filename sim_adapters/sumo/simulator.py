@@ -1,33 +1,25 @@
-"""SUMO as an engine: one simulation per process, in a pool that outlives workers that die and kills those that hang."""
+"""SUMO as an engine: writes runs' files, has workers make the runs, and turns what they send into outcomes."""
 
-import multiprocessing
-import os
-import shutil
-import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import Future
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Protocol
 
 import numpy as np
-from pebble import ProcessPool
 
-from sim_adapters.errors import WorkersEndedError
 from sim_adapters.frame_table import ObjectTable, SubjectTable, stack_frames
 from sim_adapters.interface import ParameterLayout, RunOutcome, RunRequest, Status
 from sim_adapters.scenario.scenario import Scenario
 from sim_adapters.scenario.scenario_writer import write_scenario
 from sim_adapters.shared_runs import departures_s, shared_runs, subject_names
-from sim_adapters.sumo.attempted_run import AttemptedRun
 from sim_adapters.sumo.distant import DistantTypes
 from sim_adapters.sumo.driver import SubjectControl
 from sim_adapters.sumo.job import SumoJob, SumoRun
-from sim_adapters.sumo.worker import begin_worker, run_job
+from sim_adapters.sumo.shared_result import SharedResult
+from sim_adapters.sumo.workers import LONGEST_RUN_S, BegunRun, LocalWorkers, SumoWorkers
 from surrogate.road.perception import PerceptionFrame
 
-RUNS_PER_WORKER = 200
 RADIUS_MARGIN_M = 15.0  # SUMO's radius is measured from another point of the vehicle than our offsets
 
 
@@ -61,7 +53,7 @@ class SensorRange:
 
 
 class SumoSimulator:
-    """Makes runs in SUMO. Use it as a context manager: workers end with it."""
+    """Makes runs in SUMO. Use it as a context manager: processes of its own end with it."""
 
     def __init__(
         self,
@@ -73,13 +65,14 @@ class SumoSimulator:
         frame_interval_s: float,
         end_s: float,
         num_processes: int | None = None,
-        longest_run_s: float = 1200.0,
+        longest_run_s: float = LONGEST_RUN_S,
         scratch: Path | None = None,
         counter: "VehicleCounter | None" = None,
         control: Callable[[RunRequest], SubjectControl | None] = lambda request: None,
         distant: DistantTypes | None = None,
+        workers: SumoWorkers | None = None,
     ) -> None:
-        """Start the pool; workers start with the first run.
+        """Prepare runs; processes start with the first.
 
         Args:
             scenario: what to run.
@@ -89,12 +82,13 @@ class SumoSimulator:
             subject_vehicle: its id.
             frame_interval_s: time between two frames.
             end_s: when runs end at the latest.
-            num_processes: workers; one for each core unless given.
-            longest_run_s: a run that takes longer is killed.
-            scratch: where files of runs lie while they are made; the system's folder unless given.
+            num_processes: processes of its own; one for each core unless given.
+            longest_run_s: a run that takes longer in one of them is killed.
+            scratch: where files of their runs lie while they are made; the system's folder unless given.
             counter: counts vehicles on the road, up to the end of the run, instead of folding frames.
             control: how to drive the subject vehicle in a run; SUMO drives it unless given.
             distant: which vehicles follow by another vType beyond the sensors' range.
+            workers: who makes the runs, and outlives this; processes of its own unless given.
         """
         self._scenario = scenario
         self._layout = layout
@@ -103,18 +97,13 @@ class SumoSimulator:
         self._subject_vehicle = subject_vehicle
         self._frame_interval_s = frame_interval_s
         self._end_s = end_s
-        self._longest_run_s = longest_run_s
         self._counter = counter
         self._control = control
         self._distant = distant
-        self.num_processes = num_processes or len(os.sched_getaffinity(0))
-        self._scratch = Path(tempfile.mkdtemp(prefix="jaxcalib-", dir=scratch))
-        self._pool = ProcessPool(
-            max_workers=self.num_processes,
-            max_tasks=RUNS_PER_WORKER,
-            context=multiprocessing.get_context("spawn"),
-            initializer=begin_worker,
-        )
+        self._own_workers = None
+        if workers is None:
+            workers = self._own_workers = LocalWorkers(num_processes, longest_run_s, scratch)
+        self._workers = workers
         self._lane_place = _lane_places(scenario)
         entrance_of = {edge: number for number, edge in enumerate(scenario.entrances)}
         self._entrance_of_flow = {flow.id: entrance_of[flow.route[0]] for flow in scenario.flows}
@@ -129,14 +118,18 @@ class SumoSimulator:
         return self
 
     def __exit__(self, *error: object) -> None:
-        """End the workers and remove their files."""
+        """End the processes that it has started and remove their files."""
         self.close()
 
     def close(self) -> None:
-        """End the workers and remove their files."""
-        self._pool.stop()
-        self._pool.join()
-        shutil.rmtree(self._scratch, ignore_errors=True)
+        """End the processes that it has started and remove their files."""
+        if self._own_workers:
+            self._own_workers.close()
+
+    @property
+    def num_processes(self) -> int:
+        """Runs that are made side by side."""
+        return self._workers.num_processes
 
     @property
     def layout(self) -> ParameterLayout:
@@ -152,33 +145,36 @@ class SumoSimulator:
         waiting: dict[int, Callable[[], RunOutcome]] = {}
         for numbers in shared_runs(requests):
             first = requests[numbers[0]]
-            attempted = AttemptedRun(partial(self.start, first), first.seed, len(numbers))
-            waiting |= {number: partial(self._answer, attempted, requests[number], len(numbers)) for number in numbers}
+            shared = SharedResult(self.begin(first), len(numbers))
+            waiting |= {number: partial(self._answer, shared, requests[number], len(numbers)) for number in numbers}
         return iter([waiting[number] for number in range(len(requests))])
 
-    def _answer(self, attempted: AttemptedRun, request: RunRequest, num_sharing: int) -> RunOutcome:
-        result = attempted.result()
+    def _answer(self, shared: SharedResult, request: RunRequest, num_sharing: int) -> RunOutcome:
+        result = shared.get()
         if isinstance(result, str):
             return self.failure_of(request, result)
         return self.outcome_of(request, result, num_sharing)
 
-    def start(self, request: RunRequest) -> tuple[Path, Future[SumoRun]]:
-        """Write a run's files and hand it to the pool.
+    def begin(self, request: RunRequest) -> BegunRun:
+        """Begin a run in the background."""
+        return self._workers.begin(partial(self.write, request), request.seed)
+
+    def write(self, request: RunRequest, folder: Path) -> SumoJob:
+        """Write a run's files into a folder, and return what there is to do with them.
 
         Raises:
             ValueError: several subject vehicles, but SUMO alone does not drive them.
-            WorkersEndedError: workers die at their start.
         """
         departs_s, control = departures_s(request), self._control(request)
         if len(departs_s) > 1 and (control is not None or self._distant is not None):
             raise ValueError("Expected one subject vehicle where SUMO is told how it, or who is far from it, drives.")
-        folder = Path(tempfile.mkdtemp(prefix="run-", dir=self._scratch))
         written = write_scenario(
             self._scenario, self._layout, request.values, departs_s, self._subject_vehicle, folder, "run",
             effects=request.effects, seed=request.seed,
         )  # fmt: skip
-        job = SumoJob(
+        return SumoJob(
             config=written.config,
+            net_file=self._scenario.configuration.net_file,
             folder=folder,
             seed=request.seed,
             subject_vehicles=subject_names(self._subject_vehicle, departs_s),
@@ -192,10 +188,6 @@ class SumoSimulator:
             control=control,
             distant=self._distant,
         )
-        try:
-            return folder, self._pool.schedule(run_job, args=(job,), timeout=self._longest_run_s)
-        except RuntimeError as error:  # of a pool whose workers have all died at their start
-            raise WorkersEndedError from error
 
     def outcome_of(self, request: RunRequest, run: SumoRun, num_sharing: int = 1) -> RunOutcome:
         """Return the outcome of a run that came to its end.

@@ -49,7 +49,7 @@ def run_job(job: SumoJob) -> SumoRun:
     output = job.folder / "frames.csv"
     arguments = [
         "sumo",
-        *("-c", str(job.config), "--seed", str(job.seed)),
+        *("-c", str(job.config), "--net-file", str(job.net_file), "--seed", str(job.seed)),
         *("--no-step-log", "true", "--duration-log.disable", "true", "--no-warnings", "true"),
         *("--fcd-output", str(output), "--precision", "6"),
         *("--device.fcd.explicit", job.subject_vehicles[0], "--device.fcd.radius", str(job.radius_m)),

@@ -29,6 +29,7 @@ from jaxcalib.diagnosis.runs.trial_engine import trial_runner
 from jaxcalib.diagnosis.runs.trials import Trial, TrialRunner, has_pairs, paired_difference
 from jaxcalib.problem.problem import CalibrationProblem
 from jaxcalib.runs.progress import Progress
+from sim_adapters.sumo.workers import SumoWorkers
 from surrogate.road.drive_table import DriveTable
 
 MOST_ROUNDS = 3
@@ -83,6 +84,7 @@ class BaselineMaker:
     progress: Progress  # told of runs
     # least and largest value of each parameter; features bent by an effect must not lead beyond them
     bounds: tuple[np.ndarray, np.ndarray]
+    sumo_workers: SumoWorkers | None = None  # who makes SUMO's runs; None for processes of this machine
 
     def converged(self, values: np.ndarray) -> Converged:
         """Return the baseline that agrees best with the drives to fit, with all its runs, from calibrated values on.
@@ -177,7 +179,9 @@ class BaselineMaker:
         background, subject = expected_drivers(problem, values)
         features = DriveFeatures(conventions_of(problem), background, subject)
         progress.stage("null")
-        in_sumo = SumoRuns(problem, features, values, self.plan, self.parts, self.first_seed, progress.sumo_runs)
+        in_sumo = SumoRuns(
+            problem, features, values, self.plan, self.parts, self.first_seed, progress.sumo_runs, self.sumo_workers
+        )
         runs = in_sumo.first_null()
         progress.stage("atlas")
         if runner is None:

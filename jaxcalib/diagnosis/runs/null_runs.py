@@ -15,6 +15,7 @@ from jaxcalib.runs.disk import checked_disk, writing_to_scratch
 from sim_adapters.interface import RunOutcome, RunRequest
 from sim_adapters.shared_runs import departures_apart, departures_s, drives_worth
 from sim_adapters.sumo.simulator import SensorRange, SumoSimulator
+from sim_adapters.sumo.workers import SumoWorkers
 from surrogate.effects.base import Effect, EffectSetting
 from surrogate.effects.recorded_drives import alter_drive
 from surrogate.effects.registry import EFFECTS, effect_named
@@ -130,6 +131,7 @@ def run_null(
     on_runs: Callable[[int], None],
     effects: Mapping[str, EffectSetting] | None = None,
     first_run: int = 0,
+    workers: SumoWorkers | None = None,
 ) -> NullRuns:
     """Run SUMO with parameter values and count the drives.
 
@@ -144,6 +146,7 @@ def run_null(
         on_runs: told of runs done.
         effects: put into the scenario by SUMO's own means; none for the null.
         first_run: number of the first run, where others were made before.
+        workers: who makes the runs; processes of this machine unless given.
 
     Raises:
         AllRunsFailedError: more than half of the runs failed.
@@ -151,7 +154,8 @@ def run_null(
     """
     counter = DriveCounter(features, fine_interval_s(problem), num_altered, alterations, first_seed)
     runs = range(first_run, first_run + num_runs)
-    outcomes = _run(problem, counter, _requests(problem, values, runs, first_seed, effects or {}), on_runs)
+    requests = _requests(problem, values, runs, first_seed, effects or {})
+    outcomes = _run(problem, counter, requests, on_runs, workers)
     good = [outcome for outcome in outcomes if outcome.status.is_ok]
     if len(good) < (1.0 - MOST_FAILED_SHARE) * len(outcomes):
         tail = next((outcome.log_tail for outcome in outcomes if outcome.log_tail), "")
@@ -188,6 +192,7 @@ def _run(
     counter: DriveCounter,
     requests: Sequence[RunRequest],
     on_runs: Callable[[int], None],
+    workers: SumoWorkers | None,
 ) -> list[RunOutcome]:
     """Make runs in SUMO, whose drives are counted, and return their outcomes in the order of the requests."""
     perception = problem.case.perception
@@ -200,6 +205,7 @@ def _run(
         subject_vehicle=problem.parts.subject.vehicle,
         frame_interval_s=counter.interval_s,
         end_s=problem.parts.scenario.duration_s,
+        workers=workers,
     ) as simulator:
         with writing_to_scratch():
             waiting = simulator.submit(requests)

@@ -13,6 +13,7 @@ from jaxcalib.diagnosis.runs.null_runs import NullRuns, alterations_of, fine_int
 from jaxcalib.diagnosis.runs.plan import DiagnosisBudget
 from jaxcalib.problem.problem import CalibrationProblem
 from jaxcalib.runs.seeds import CHECK_SEED, DEFAULT_SEED, EXPLAINED_SEED, NULL_SEED
+from sim_adapters.sumo.workers import SumoWorkers
 from surrogate.effects.base import EffectSetting
 from surrogate.effects.registry import effect_named
 
@@ -28,6 +29,7 @@ class SumoRuns:
     parts: FinishedParts  # keeps finished parts
     first_seed: int  # of the diagnosis; each part has seeds of its own behind it
     on_runs: Callable[[int], None]  # told of runs done
+    workers: SumoWorkers | None = None  # who makes the runs; None for processes of this machine
 
     def first_null(self) -> NullRuns:
         """Return the first runs with the calibrated values, and altered versions of some: enough to see where to."""
@@ -36,7 +38,7 @@ class SumoRuns:
         def make() -> dict[str, DriveTallies]:
             runs = run_null(
                 self.problem, self.features, self.values, self._runs_for(self.plan.first_null_drives),
-                self.plan.altered_drives, alterations, self.first_seed + NULL_SEED, self.on_runs,
+                self.plan.altered_drives, alterations, self.first_seed + NULL_SEED, self.on_runs, workers=self.workers,
             )  # fmt: skip
             altered = {f"{name} {strength!r}": tallies for (name, strength), tallies in runs.altered.items()}
             return {"": runs.plain} | altered
@@ -54,7 +56,7 @@ class SumoRuns:
         def make() -> dict[str, DriveTallies]:
             runs = run_null(
                 self.problem, self.features, self.values, end - begin, 0, (),
-                self.first_seed + NULL_SEED, self.on_runs, first_run=begin,
+                self.first_seed + NULL_SEED, self.on_runs, first_run=begin, workers=self.workers,
             )  # fmt: skip
             return {"": runs.plain}
 
@@ -93,8 +95,9 @@ class SumoRuns:
             effects = {} if is_altered else {name: EffectSetting(strength)}
             num_altered = len(problem.case.drives) * num_runs  # all of them
             runs = run_null(
-                problem, self.features, values, num_runs, num_altered, alterations, seed, self.on_runs, effects
-            )
+                problem, self.features, values, num_runs, num_altered, alterations, seed, self.on_runs, effects,
+                workers=self.workers,
+            )  # fmt: skip
             return {"": runs.altered[name, strength] if is_altered else runs.plain}
 
         try:
@@ -108,7 +111,7 @@ class SumoRuns:
         def make() -> dict[str, DriveTallies]:
             runs = run_null(
                 self.problem, self.features, values, self._runs_for(num_drives), 0, (), self.first_seed + seed,
-                self.on_runs, effects,
+                self.on_runs, effects, workers=self.workers,
             )  # fmt: skip
             return {"": runs.plain}
 

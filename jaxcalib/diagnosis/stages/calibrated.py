@@ -40,7 +40,7 @@ def recalibrate(session: DiagnosisSession) -> Calibrated:
     problem = session.problem
     if seen_perception(drives_to_fit(problem.drives), problem.case.perception) != problem.case.perception:
         problem = read_problem(problem.case.folder)
-    with sumo_engine(problem) as pool:
+    with sumo_engine(problem, workers=session.sumo_workers) as pool:
         sumo, engine = JournaledSumo(pool, session.journal), surrogate_engine(problem)
         plan = session.calibration
         waiting = start_scenario_runs(problem, sumo, plan, session, shares_runs=problem.template.can_share_runs)

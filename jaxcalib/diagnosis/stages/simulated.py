@@ -50,6 +50,7 @@ def simulate_null(session: DiagnosisSession, calibrated: Calibrated) -> Simulate
             tables=[drive_table(drive.frames(interval_s), interval_s) for drive in problem.drives],
             progress=session.progress,
             bounds=calibrated.bounds,
+            sumo_workers=session.sumo_workers,
         )
         converged = maker.converged(calibrated.searched.values)
     with session.stopwatch.time("null"):

@@ -79,7 +79,9 @@ def simulator(scenario: Scenario, template: WorldTemplate) -> SumoSimulator:
 def run_in_sumo(scenario: Scenario, template: WorldTemplate) -> SumoRun:
     request = RunRequest(tuple(template.base_values().tolist()), 5, DEPART_S)
     with simulator(scenario, template) as engine:
-        return engine.start(request)[1].result()
+        run = engine.begin(request).result()
+    assert isinstance(run, SumoRun), run
+    return run
 
 
 @functools.cache

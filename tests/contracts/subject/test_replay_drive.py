@@ -14,6 +14,7 @@ import pytest
 from jaxcalib.problem.engines import sumo_engine
 from jaxcalib.problem.problem import CalibrationProblem, read_problem
 from sim_adapters.interface import RunRequest
+from sim_adapters.sumo.job import SumoRun
 from sim_adapters.world.logged_drive import LoggedDrive, choose, logged_motion_of, resample
 from surrogate.effects.base import EffectSetting
 from surrogate.effects.registry import EFFECTS
@@ -205,7 +206,8 @@ def test_sumo_repeats_the_log(demand: float, duration_s: float, tmp_path: Path) 
     values[: problem.layout.num_inputs] *= demand
     request = RunRequest(tuple(values.tolist()), 4, problem.case.drives[0].depart_s)
     with sumo_engine(problem, num_processes=1) as engine:
-        run = engine.start(request)[1].result()
+        run = engine.begin(request).result()
+    assert isinstance(run, SumoRun), run
     is_subject = run.vehicle == -1
     found = np.stack([run.time_s, run.position_m, run.speed_mps, run.row], axis=1)[is_subject]
     found = found[found[:, 0] >= log[0, 0] - 0.01]

@@ -139,6 +139,27 @@ def test_a_run_that_was_killed_gives_the_result_it_would_have_given(
     assert again == {key: value for key, value in result.items() if key not in TIMES}
 
 
+def test_runs_that_a_cluster_makes_give_the_same_result(
+    case: Path, out: Path, result: dict, tmp_path: Path, address: str, workers: list[subprocess.Popen[bytes]]
+):
+    """It begins with most of a whole run's journal; one of the workers is killed."""
+    folder = tmp_path / "run"
+    shutil.copytree(out, folder, ignore=shutil.ignore_patterns("result.json", "report.html", "scenario"))
+    parts = sorted((folder / "journal").glob("part-*.npz"))
+    missing = parts[-round(LAST_PARTS * len(parts)) :]  # of SUMO, each of which is a run
+    for part in missing:
+        part.unlink()
+    process = subprocess.Popen(command(case, folder, "--resume", "--quiet", "--cluster", address))
+    while process.poll() is None and not missing[1].exists():
+        time.sleep(0.05)
+    workers[1].kill()
+    assert process.wait(LONGEST_S) == 0
+    assert missing[-1].exists()
+    again = json.loads((folder / "result.json").read_text())
+    keys = [key for key in again if key not in TIMES]
+    assert {key: again[key] for key in keys} == {key: result[key] for key in keys}
+
+
 def test_the_scenario_handed_over_runs_in_plain_sumo_bit_for_bit_like_the_confirming_run(
     case: Path, out: Path, tmp_path: Path
 ):

@@ -1,12 +1,9 @@
-"""Sweeps on a dask cluster: a real scheduler and real workers, each a process of its own."""
+"""Sweeps on a dask cluster."""
 
 import os
-import signal
-import socket
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
 from pathlib import Path
 
 import pandas as pd
@@ -18,57 +15,18 @@ pytest.importorskip("distributed", reason="the extra 'cluster' is not installed"
 
 from jaxcalib.cli.app import sweep as command
 from jaxcalib.cli.guarded import EXIT_RESOURCE
-from jaxcalib.sweeps import cluster
-
-
-def free_port() -> int:
-    with socket.socket() as found:
-        found.bind(("127.0.0.1", 0))
-        return found.getsockname()[1]
-
-
-def start(*arguments: str) -> subprocess.Popen[bytes]:
-    environment = os.environ | {"PYTHONPATH": str(ROOT)}
-    return subprocess.Popen(
-        [sys.executable, "-m", "distributed.cli." + arguments[0], *arguments[1:]],
-        env=environment, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-    )  # fmt: skip
-
-
-@pytest.fixture
-def address() -> Iterator[str]:
-    port = free_port()
-    scheduler = start("dask_scheduler", "--host", "127.0.0.1", "--port", str(port), "--no-dashboard", "--no-show")
-    yield f"tcp://127.0.0.1:{port}"
-    scheduler.kill()
-    scheduler.wait()
-
-
-@pytest.fixture
-def workers(address: str, tmp_path: Path) -> Iterator[list[subprocess.Popen[bytes]]]:
-    """Return two workers: one in the plain way, below a nanny, and one without."""
-    options = ("--nthreads", "1", "--no-dashboard", "--local-directory", str(tmp_path / "dask"))
-    started = [start("dask_worker", address, *options), start("dask_worker", address, "--no-nanny", *options)]
-    yield started
-    for worker in started:
-        worker.send_signal(signal.SIGTERM)
-    for worker in started:
-        try:
-            worker.wait(20)
-        except subprocess.TimeoutExpired:
-            worker.kill()
+from jaxcalib.cluster import connection
 
 
 def test_a_cluster_that_does_not_answer(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    silent_address: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
-    monkeypatch.setattr(cluster, "ANSWER_S", 0.5)
-    silent = f"tcp://127.0.0.1:{free_port()}"
+    monkeypatch.setattr(connection, "ANSWER_S", 0.5)
     out = tmp_path / "sweep.parquet"
-    assert command(CORRIDOR, out=out, design="lhs:3", cluster=silent, quiet=True) == EXIT_RESOURCE
+    assert command(CORRIDOR, out=out, design="lhs:3", cluster=silent_address, quiet=True) == EXIT_RESOURCE
     lines = capsys.readouterr().err.strip().splitlines()
     assert len(lines) == 1
-    assert silent in lines[0]
+    assert silent_address in lines[0]
     assert "expected a dask scheduler that answers" in lines[0]
     assert not out.exists()
 
@@ -76,7 +34,7 @@ def test_a_cluster_that_does_not_answer(
 def test_a_cluster_without_workers(
     address: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
-    monkeypatch.setattr(cluster, "WORKERS_S", 0.5)
+    monkeypatch.setattr(connection, "WORKERS_S", 0.5)
     out = tmp_path / "sweep.parquet"
     assert command(CORRIDOR, out=out, design="lhs:3", cluster=address, quiet=True) == EXIT_RESOURCE
     assert "no worker within" in capsys.readouterr().err

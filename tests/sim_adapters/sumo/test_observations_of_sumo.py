@@ -107,8 +107,8 @@ def both(
         *("--lanechange-output", folder / "changes.xml", "--tripinfo-output", folder / "trips.xml"),
     )
     with sumo_engine(problem, num_processes=1) as engine:
-        _, future = engine.start(request_made)
-        run = future.result()
+        run = engine.begin(request_made).result()
+        assert isinstance(run, SumoRun), run
         outcome, frames = engine.outcome_of(request_made, run), engine.frames_of(run)
     tally = dict(zip(problem.tally_names, outcome.observed, strict=True))
     assert alone.wait() == 0

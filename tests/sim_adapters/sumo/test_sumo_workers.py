@@ -13,6 +13,7 @@ from sim_adapters.interface import ParameterLayout, RunOutcome, RunRequest, Stat
 from sim_adapters.scenario.scenario import Scenario, read_scenario
 from sim_adapters.scenario.scenario_writer import WrittenScenario, write_scenario
 from sim_adapters.sumo import simulator as sumo_simulator
+from sim_adapters.sumo import workers as sumo_workers
 from sim_adapters.sumo.job import SumoJob, SumoRun
 from sim_adapters.sumo.simulator import SensorRange, SumoSimulator
 from tests.sim_adapters.sumo import broken_workers
@@ -38,7 +39,7 @@ def make_runs(corridor: Scenario, layout: ParameterLayout, tmp_path: Path, monke
         worker: Callable[[SumoJob], SumoRun] | None, seeds: Sequence[int], scenario: Scenario = corridor, **options: Any
     ) -> list[RunOutcome]:
         if worker is not None:
-            monkeypatch.setattr(sumo_simulator, "run_job", worker)
+            monkeypatch.setattr(sumo_workers, "run_job", worker)
         # a run that the pool forgets as its worker dies ends by its longest time (noxdafox/pebble, issue 153)
         options.setdefault("longest_run_s", 60.0)
         before = sorted(path for path in tmp_path.iterdir() if path.is_dir())
