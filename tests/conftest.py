@@ -25,6 +25,7 @@ from tests.places import CORRIDOR, ROOT
 if TYPE_CHECKING:
     from jaxcalib.problem.problem import CalibrationProblem
     from sim_adapters.interface import ParameterLayout
+    from sim_adapters.jax.simulator import JaxSimulator
     from sim_adapters.scenario.scenario import Scenario
     from sim_adapters.world.world_builder import WorldTemplate
     from surrogate.effects.settings import Effects
@@ -129,6 +130,17 @@ def small_problem(small_case: Path) -> "CalibrationProblem":
 
 
 @pytest.fixture(scope="session")
+def small_surrogate(small_problem: "CalibrationProblem") -> "JaxSimulator":
+    """The small case's surrogate: compiled once for all workers and for what tests start with a single device."""
+    from jaxcalib.problem.engines import surrogate_engine
+
+    engine = surrogate_engine(small_problem)
+    with FileLock(Path(os.environ[FOLDER]) / "small surrogate.lock"):
+        engine.prepare()
+    return engine
+
+
+@pytest.fixture(scope="session")
 def corridor_folder() -> Path:
     return CORRIDOR
 
@@ -216,6 +228,14 @@ def drive_on() -> Callable[["World", int], list["TrafficState"]]:
         return [jax.device_get(state) for state in states]
 
     return run
+
+
+@pytest.fixture
+def quick_engines(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Surrogates of this test take programs that are made quickly, see `tests.jit_quickly`: no bit may count there."""
+    from tests.jit_quickly import make_engines_quickly
+
+    make_engines_quickly(monkeypatch)
 
 
 @pytest.fixture(scope="session")

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from jaxcalib.problem.engines import sumo_engine, surrogate_engine
+from jaxcalib.problem.engines import sumo_engine
 from jaxcalib.problem.problem import CalibrationProblem
 from sim_adapters.interface import RunOutcome, RunRequest, Simulator, Status
 
@@ -31,8 +31,8 @@ def requests(small_problem: CalibrationProblem) -> list[RunRequest]:
 
 
 @pytest.fixture(scope="module")
-def surrogate(small_problem: CalibrationProblem) -> Simulator:
-    return surrogate_engine(small_problem)
+def surrogate(small_surrogate: Simulator) -> Simulator:
+    return small_surrogate
 
 
 @pytest.fixture(scope="module")

@@ -202,6 +202,7 @@ def test_an_unknown_optimiser_is_refused_with_the_known_ones(tmp_path: Path, cap
 
 
 @pytest.mark.long
+@pytest.mark.usefixtures("small_surrogate")  # the same program
 def test_a_case_is_searched_in_the_surrogate_and_measured_on_fresh_seeds(small_case: Path, tmp_path: Path):
     out = tmp_path / "study"
     options = ["--no-functions", "--seeds", "1", "--evaluations", "12", "--batch", "4", "--optimiser", "random"]

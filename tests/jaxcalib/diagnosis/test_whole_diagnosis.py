@@ -22,6 +22,8 @@ pytestmark = pytest.mark.long
 
 @pytest.fixture(params=["small", pytest.param("corridor", marks=pytest.mark.nightly(REASON))])
 def biased_case(request: pytest.FixtureRequest, small_case: Path, tmp_path: Path) -> Path:
+    if request.param == "small":
+        request.getfixturevalue("small_surrogate")  # its program is the calibration's
     case = Path(shutil.copytree(small_case if request.param == "small" else CORRIDOR, tmp_path / "case"))
     told = (case / "case.toml").read_text()
     (case / "case.toml").write_text(re.sub(r"parameters = \[.*?\]", f"parameters = {PARAMETERS}", told))

@@ -103,6 +103,7 @@ def test_a_quotient_enters_the_objective_unless_it_says_otherwise(problem: Calib
 
 
 @pytest.mark.long
+@pytest.mark.usefixtures("quick_engines")
 @pytest.mark.parametrize("engine", ["surrogate", "sumo"])
 def test_both_simulators_are_measured(problem: CalibrationProblem, engine: str):
     values = tuple(problem.template.base_values().tolist())
