@@ -71,7 +71,7 @@ def made(
     change: Callable[[np.ndarray], np.ndarray | None] = lambda steps: steps,
 ) -> Made:
     nothing: Any = None
-    return Made(PROBLEM, plan_diagnosis(1.0), nothing, 0, 0, (), nothing, BOUNDS, tell, change)
+    return Made(PROBLEM, plan_diagnosis(1.0), nothing, 0, 0, (), nothing, BOUNDS, tell=tell, change=change)
 
 
 def towards(goal: np.ndarray, share: float = 1.0) -> Callable[[np.ndarray], tuple[np.ndarray, float]]:
