@@ -64,13 +64,14 @@ class Objective:
             num_runs: runs behind each.
         """
         simulated = self.moments.values(pooled)
+        has_failed = ~np.isfinite(pooled).any(axis=1, keepdims=True)
+        if not self.is_relative:
+            simulated = np.where(np.isnan(simulated) & ~has_failed, self.usual, simulated)
         if self.discrepancy is not None:
             simulated = simulated + self.discrepancy.predict(unit)
-        has_failed = ~np.isfinite(pooled).any(axis=1, keepdims=True)
         if self.is_relative:
             errors = np.nan_to_num((simulated - self.field) / self.field, nan=NEVER_SHOWN)
             return np.where(has_failed, np.nan, errors)
-        simulated = np.where(np.isnan(simulated) & ~has_failed, self.usual, simulated)
         factor = np.linalg.cholesky(self.variance(num_runs))
         whitened = np.linalg.solve(factor, (simulated - self.field).T).T
         return np.concatenate([whitened, self.evidence.residuals(unit)], axis=1)

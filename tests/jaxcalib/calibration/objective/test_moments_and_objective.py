@@ -84,6 +84,18 @@ def test_a_moment_that_a_candidate_never_shows_says_neither_for_nor_against_it()
     assert np.isnan(none[: len(OFFSET)]).all()
 
 
+def test_what_stands_for_a_moment_never_shown_is_corrected_as_all_others():
+    """The usual value is the simulator's own, so what the simulator lacks is added to it, too."""
+    added = SimpleNamespace(
+        predict=lambda unit: np.tile([0.4, -0.3, 0.2, 0.1], (len(unit), 1)), variance=lambda: NOISE**2
+    )
+    objective = replace(toy_objective(), discrepancy=added)
+    never, as_usual = tallies(TRUTH, 1), tallies(TRUTH, 1)
+    never[[1, 5]], as_usual[[1, 5]] = 0.0, (OFFSET[1], 1.0)
+    first, second = objective.residuals(np.stack([TRUTH] * 2), np.stack([never, as_usual]), 8)
+    assert first == pytest.approx(second)
+
+
 def test_evidence_of_the_logs_counts_in_its_own_errors():
     evidence = independent_evidence(np.asarray([0.5, 0.6, 0.5]), np.asarray([np.inf, 0.05, 0.1]))
     objective = toy_objective(evidence)
