@@ -215,14 +215,9 @@ def lay_out(
     Raises:
         CaseError: they do not fit the road.
     """
-    subject_log, object_log, subject, impossible = (
-        tables.subject_log,
-        tables.object_log,
-        tables.subject,
-        tables.impossible,
-    )
+    subject_log, subject, left_out = tables.subject_log, tables.subject, tables.impossible.any
     rules = rules or rules_for(subject_log.sampling_s)
-    objects = match_objects(geometry, object_log, subject_log, subject)
+    objects = match_objects(geometry, tables.object_log, subject_log, subject)
 
     table = objects.table
     clean = clean_tracks(subject.table.time_s[table.instant], objects.vehicle, table.offset_m, table.speed_mps, rules)
@@ -231,7 +226,7 @@ def lay_out(
     counts = DriveCounts(
         subject_rows=len(subject_log.time_s),
         subject_rows_without_place=len(subject_log.time_s) - len(subject.log_row),
-        object_rows=len(impossible.any),
+        object_rows=len(left_out),
         rows_without_subject=objects.rows_without_subject,
         rows_without_place=objects.rows_without_place,
         rows_off_route=objects.rows_off_route,
@@ -242,7 +237,7 @@ def lay_out(
         splits=clean.num_splits,
         long_gaps=clean.num_gaps,
         tracks=clean.num_tracks,
-        rows_impossible=int(impossible.any.sum()),
+        rows_impossible=int(left_out.sum()),
     )
     warnings = [*subject.warnings, *objects.warnings]
     if clean.num_splits:

@@ -4,7 +4,7 @@ import numpy as np
 
 from jaxcalib.case.case import Drive
 from jaxcalib.field.log_tables import LANE_UNKNOWN, ObjectLog, SubjectLog
-from jaxcalib.field.map_matching import lane_centre_m, match_points
+from jaxcalib.field.map_matching import lane_centre_m
 from jaxcalib.field.matched_subject import MatchedSubject
 from jaxcalib.field.physics.motion import DriveMotion
 from jaxcalib.field.route_geometry import RouteGeometry
@@ -15,10 +15,8 @@ def logged_motion(
 ) -> DriveMotion:
     """Return a drive's motion as its log has it."""
     table, row = subject.table, subject.log_row
-    place = match_points(geometry, subject_log.place.points(geometry, row))
-    across_m = lane_centre_m(geometry, geometry.edge_at(place.position_m), place.row) + place.lateral_m
-    named = subject_log.lane[row] != LANE_UNKNOWN
-    lateral_m = across_m - lane_centre_m(geometry, subject.edge, table.row)
+    is_named = subject_log.lane[row] != LANE_UNKNOWN
+    lateral_m = subject.across_m - lane_centre_m(geometry, subject.edge, table.row)
     side = -1.0 if geometry.is_mirrored else 1.0
     return DriveMotion(
         id=drive.id,
@@ -31,8 +29,8 @@ def logged_motion(
         acceleration_mps2=subject_log.acceleration_mps2[row],
         yaw_rate_radps=subject.yaw_rate_radps,
         heading_rad=side * _heading_rad(geometry, table.position_m, table.row),
-        lateral_m=side * np.where(named, lateral_m, np.nan),
-        across_m=side * across_m,
+        lateral_m=side * np.where(is_named, lateral_m, np.nan),
+        across_m=side * subject.across_m,
         object_time_s=object_log.time_s,
         vehicle=object_log.vehicle,
         relative_x_m=object_log.relative_x_m,

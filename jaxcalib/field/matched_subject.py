@@ -32,6 +32,7 @@ class MatchedSubject:
     yaw_rate_radps: np.ndarray  # angular velocity in those rows
     log_row: np.ndarray  # their numbers in the log, counted from 0
     edge: np.ndarray  # index of the edge in those rows
+    across_m: np.ndarray  # where the places lie across the road, whatever lane the log names
     warnings: tuple[str, ...]  # what a user should know
 
 
@@ -89,7 +90,7 @@ def match_subject(geometry: RouteGeometry, log: SubjectLog) -> MatchedSubject:
         num_lanes=geometry.num_lanes[geometry.edge_at(placed.position_m)],
     )
     warnings = _subject_warnings(log, table, int(lanes.contradicts.sum()), num_contradicting_roads)
-    return MatchedSubject(table, log.yaw_rate_radps[log_row], log_row, lanes.edge, warnings)
+    return MatchedSubject(table, log.yaw_rate_radps[log_row], log_row, lanes.edge, across_m, warnings)
 
 
 def _edge_of_road(geometry: RouteGeometry, road: np.ndarray, position_m: np.ndarray) -> tuple[np.ndarray, int]:

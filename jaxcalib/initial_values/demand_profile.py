@@ -85,7 +85,7 @@ def estimate_demand(
     if in_scenario is not None:  # volumes answer in proportion near the scenario's demand only
         error = np.hypot(error, BENT_SHARE * change)
     return DemandEstimate(
-        values_vehph=base * np.maximum(1.0 + change, 0.05), error_vehph=base * error, scenario_vehph=base
+        values_vehph=base * np.maximum(1.0 + change, LEAST_FACTOR), error_vehph=base * error, scenario_vehph=base
     )
 
 

@@ -1,6 +1,6 @@
 """What detected vehicles must agree on with the subject vehicle: how distances change, by whose speeds, when."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,7 +20,7 @@ LARGEST_OFFSET_S = 30.0  # between the clocks of both tables that is looked for
 OFFSET_STEP_S = 0.5
 LEAST_OFFSET_S, REFUSED_OFFSET_S = 0.25, 2.0  # steps of simulators make up to 0.2 s
 LEAST_SPEED_CHANGE_MPS = 0.2  # of the subject vehicle in a window, typically, without which no offset shows
-LEAST_OFF, REFUSED_OFF = 0.02, 0.3  # relative, of distances and of the objects' speeds
+LEAST_OFF = 0.02  # relative, of distances and of the objects' speeds
 CLEARLY_BETTER = 0.5  # of what is left unexplained, by which another reading must be better than the log's own
 MOST_LEFT_M, MOST_LEFT = 0.8, 0.2  # in metres, and of what the log's own reading leaves: with more nothing is explained
 LEAST_UNEXPLAINED_M = 1.0  # in a window: less is the noise of sensors
@@ -59,6 +59,16 @@ class Reading:
         return true_m / self.distance_factor
 
 
+COLUMNS: Mapping[str, str] = {
+    "clock_offset": "time_s",
+    "distance_scale": "relative_x_m",
+    "distance_sign": "relative_x_m",
+    "distance_unit": "relative_x_m",
+    "foreign_objects": "",
+    "object_speed_scale": "speed_kmh",
+    "object_speed_unit": "speed_kmh",
+    "relative_speeds": "speed_kmh",
+}
 AS_STATED = Reading("")
 READINGS = (
     *(Reading("object_speed_unit", factor) for factor in SPEED_UNITS.values()),
@@ -76,33 +86,20 @@ def object_contradictions(motions: Sequence[DriveMotion], subject_speed_scale: S
         motions: the drives.
         subject_speed_scale: by how much the subject vehicle's speeds are too small, in each of them.
     """
-    coarse: dict[str, list[tuple[DriveMotion, str, bool]]] = {}
-    fine: list[_JudgedDrive] = []
+    refused: list[Contradiction] = []
+    others: list[_JudgedDrive] = []
     for number, (motion, scale) in enumerate(zip(motions, subject_speed_scale, strict=True)):
         windows = object_windows(motion, BLOCKS_PER_DRIVE * number)
         if len(windows.moved_m) < FEWEST_WINDOWS:
             continue
-        verdict = _judge_reading(motion, windows, scale)
-        if verdict is None:
-            fine.append(_JudgedDrive(motion, windows, scale))
-        else:
+        if verdict := _judge_reading(motion, windows, scale):
             kind, words = verdict
-            coarse.setdefault(kind, []).append((motion, words, True))
-    found = [
-        Contradiction(kind, several[0][0].objects_file, _column_of(kind), several[0][1],
-                      tuple(motion.id for motion, _, _ in several), is_refused=True)
-        for kind, several in coarse.items()
-    ]  # fmt: skip
-    return found + _fine_contradictions(fine)
-
-
-def _column_of(kind: str) -> str:
-    return {
-        "clock_offset": "time_s",
-        "distance_sign": "relative_x_m",
-        "distance_unit": "relative_x_m",
-        "distance_scale": "relative_x_m",
-    }.get(kind, "speed_kmh" if kind in ("relative_speeds", "object_speed_unit", "object_speed_scale") else "")
+            refused.append(
+                Contradiction(kind, motion.objects_file, COLUMNS[kind], words, (motion.id,), is_refused=True)
+            )
+        else:
+            others.append(_JudgedDrive(motion, windows, scale))
+    return merged(refused) + _fine_contradictions(others)
 
 
 def _subject_m(motion: DriveMotion, windows: ObjectWindows, scale: float, late_s: float = 0.0) -> np.ndarray:
@@ -202,7 +199,7 @@ def _judge_scales(drives: Sequence[_JudgedDrive]) -> list[Contradiction]:
     found = []
 
     def note(kind: str, words: str, is_refused: bool = False) -> None:
-        found.append(Contradiction(kind, motion.objects_file, _column_of(kind), words, ids, is_refused))
+        found.append(Contradiction(kind, motion.objects_file, COLUMNS[kind], words, ids, is_refused))
 
     if fit.is_off(0, 1.0, LEAST_OFF, SIGNIFICANT):
         size = f"{fit.value[0]:.3f} +- {fit.error[0]:.3f}"

@@ -1,6 +1,7 @@
 """What the subject vehicle's own quantities must agree on: places, speeds, accelerations, yaw rates, lanes."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -14,7 +15,7 @@ from jaxcalib.field.physics.contradiction import (
     unit_of,
 )
 from jaxcalib.field.physics.linear_fit import LinearFit, fit_linear
-from jaxcalib.field.physics.motion import BLOCKS_PER_DRIVE, DriveMotion, SubjectWindows, subject_windows
+from jaxcalib.field.physics.motion import DriveMotion, SubjectWindows
 
 LEAST_OFF = 0.02  # relative, of speed against the change of place; honest sensors agree to a hundredth
 REFUSED_OFF = 0.25  # relative: no sensor is that bad, so the column is not what it is said to be
@@ -30,20 +31,23 @@ LEAST_LATERAL_M = 0.7  # from where the lanes are, of all places
 WIDEST_M = 1.6  # beyond it places lie in another lane
 
 
-def subject_contradictions(motions: Sequence[DriveMotion]) -> list[Contradiction]:
-    """Judge each drive, and all of them together; what a drive shows by itself is not told again of all."""
+def subject_contradictions(motions: Sequence[DriveMotion], windows: Sequence[SubjectWindows]) -> list[Contradiction]:
+    """Judge each drive, and all of them together; what a drive shows by itself is not told again of all.
+
+    Args:
+        motions: the drives.
+        windows: of each of them.
+    """
     found = []
-    windows = [subject_windows(motion, BLOCKS_PER_DRIVE * number) for number, motion in enumerate(motions)]
     for judge in (_judge_displacement, _judge_acceleration, _judge_yaw_rate):
         alone = [one for motion, own in zip(motions, windows, strict=True) for one in judge(own, motion)]
-        found += merged(alone) or _pooled(judge(_together(windows), motions[0]) if motions else [], motions)
+        found += merged(alone) or _of_all(judge(_together(windows), motions[0]) if motions else [], motions)
     found += _judge_lateral(motions)
     return found
 
 
-def _pooled(contradictions: Sequence[Contradiction], motions: Sequence[DriveMotion]) -> list[Contradiction]:
-    drives = tuple(motion.id for motion in motions)
-    return [Contradiction(one.kind, one.file, one.column, one.words, drives, one.is_refused) for one in contradictions]
+def _of_all(contradictions: Sequence[Contradiction], motions: Sequence[DriveMotion]) -> list[Contradiction]:
+    return [replace(one, drives=tuple(motion.id for motion in motions)) for one in contradictions]
 
 
 def _together(windows: Sequence[SubjectWindows]) -> SubjectWindows:
@@ -58,12 +62,16 @@ def _displacement_fit(windows: SubjectWindows) -> LinearFit | None:
     return fit_linear(np.stack([windows.driven_m, windows.faster_mps], axis=1), windows.moved_m, windows.block)
 
 
-def speed_scale(motion: DriveMotion) -> float:
+def speed_scales(windows: Sequence[SubjectWindows]) -> list[float]:
+    """By how much the speeds of each drive are too small; a drive too short to show it is taken for one of all."""
+    together = speed_scale(_together(windows)) if windows else 1.0
+    fits = [_displacement_fit(own) for own in windows]
+    is_silent = [fit is None or not np.isfinite(fit.error[0]) for fit in fits]
+    return [together if silent else speed_scale(own) for silent, own in zip(is_silent, windows, strict=True)]
+
+
+def speed_scale(windows: SubjectWindows) -> float:
     """By how much a subject vehicle's speeds are too small; 1 where they may be right, or nothing can be said."""
-    return _speed_scale(subject_windows(motion))
-
-
-def _speed_scale(windows: SubjectWindows) -> float:
     fit = _displacement_fit(windows)
     if fit is None or not fit.value[0] > 0.0 or not fit.is_off(0, 1.0, LEAST_OFF, SIGNIFICANT):
         return 1.0
@@ -108,7 +116,7 @@ def _judge_displacement(windows: SubjectWindows, motion: DriveMotion) -> list[Co
 def _judge_acceleration(windows: SubjectWindows, motion: DriveMotion) -> list[Contradiction]:
     """Acceleration against the change of speed."""
     known = np.isfinite(windows.accelerated_mps)
-    faster_mps = _speed_scale(windows) * windows.faster_mps  # speeds of another unit are told already
+    faster_mps = speed_scale(windows) * windows.faster_mps  # speeds of another unit are told already
     if not known.any() or np.nanstd(faster_mps[known]) < LEAST_SPEED_CHANGE_MPS:
         return []
     fit = fit_linear(windows.accelerated_mps[:, None], faster_mps, windows.block)

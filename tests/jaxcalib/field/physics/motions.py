@@ -6,6 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from jaxcalib.field.physics.contradiction import Contradiction
+from jaxcalib.field.physics.impossible_tracks import impossible_rows
+from jaxcalib.field.physics.judgement import judge_drives
 from jaxcalib.field.physics.motion import DriveMotion
 
 SAMPLING_S = 0.1
@@ -64,6 +67,19 @@ def _track(
         np.full(count, 3.5 if number % 2 else -3.5) + 0.1 * rng.standard_normal(count),
         own_mps[seen] + SPEED_NOISE_MPS * rng.standard_normal(count),
     )
+
+
+def judged(motions: list[DriveMotion]) -> list[Contradiction]:
+    """What drives contradict themselves in, impossible rows left out first, as where logs are read."""
+    impossible = [impossible_rows(motion) for motion in motions]
+    left = [motion.without(rows.any) for motion, rows in zip(motions, impossible, strict=True)]
+    return judge_drives(left, impossible)
+
+
+def with_relative_speeds(motion: DriveMotion) -> DriveMotion:
+    """A drive whose objects' speeds are relative to the subject vehicle's."""
+    own_mps = np.interp(motion.object_time_s, motion.time_s, motion.speed_mps)
+    return replace(motion, object_speed_mps=motion.object_speed_mps - own_mps)
 
 
 def with_track(

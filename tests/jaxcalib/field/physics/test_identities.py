@@ -6,10 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from jaxcalib.field.physics.impossible_tracks import impossible_rows
-from jaxcalib.field.physics.judgement import judge_drives
 from jaxcalib.field.physics.motion import DriveMotion
-from tests.jaxcalib.field.physics.motions import drive
+from tests.jaxcalib.field.physics.motions import drive, judged, with_relative_speeds
 
 NUM_DRIVES = 4
 Spoil = Callable[[DriveMotion], DriveMotion]
@@ -19,11 +17,6 @@ def late(motion: DriveMotion, late_s: float) -> DriveMotion:
     time_s = motion.object_time_s + late_s
     inside = (time_s >= motion.time_s[0]) & (time_s <= motion.time_s[-1])
     return replace(motion, object_time_s=time_s).without(~inside)
-
-
-def relative(motion: DriveMotion) -> DriveMotion:
-    own_mps = np.interp(motion.object_time_s, motion.time_s, motion.speed_mps)
-    return replace(motion, object_speed_mps=motion.object_speed_mps - own_mps)
 
 
 # what is spoilt, the kind that it is, whether it is refused, words
@@ -55,7 +48,7 @@ FAULTS: dict[str, tuple[Spoil, str, bool, str]] = {
     "objects in m/s": (
         lambda m: replace(m, object_speed_mps=m.object_speed_mps / 3.6), "object_speed_unit", True, "m/s?",
     ),
-    "relative speeds": (relative, "relative_speeds", True, "relative to the subject"),
+    "relative speeds": (with_relative_speeds, "relative_speeds", True, "relative to the subject"),
     "objects 3 % slow": (
         lambda m: replace(m, object_speed_mps=0.97 * m.object_speed_mps), "object_speed_scale", False, "1.03",
     ),
@@ -65,12 +58,6 @@ FAULTS: dict[str, tuple[Spoil, str, bool, str]] = {
     "distances in feet": (lambda m: replace(m, relative_x_m=m.relative_x_m / 0.3048), "distance_unit", True, "feet"),
     "distances 3 % short": (lambda m: replace(m, relative_x_m=0.97 * m.relative_x_m), "distance_scale", False, "0.9"),
 }  # fmt: skip
-
-
-def judged(motions: list[DriveMotion]) -> list:
-    impossible = [impossible_rows(motion) for motion in motions]
-    left = [motion.without(rows.any) for motion, rows in zip(motions, impossible, strict=True)]
-    return judge_drives(left, impossible)
 
 
 @pytest.mark.parametrize("sampling", [1, 5, 10])
