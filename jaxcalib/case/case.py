@@ -14,6 +14,8 @@ from jaxcalib.case.case_file import (
     SubjectSection,
     read_case_table,
 )
+from jaxcalib.case.log_form import LogForm
+from jaxcalib.case.log_units import log_form_of
 from jaxcalib.errors import CaseError, quote
 from surrogate.subject.registry import SUBJECT_MODELS, SubjectModel
 from surrogate.vehicle.model_entry import ParameterRangeError, UnknownModelError
@@ -90,6 +92,7 @@ class Drive:
     subject_file: Path  # table of the subject vehicle
     objects_file: Path  # table of the detected vehicles
     role: Role  # whether the calibration may use it
+    time_zero: float | None = None  # value of the tables' time at the scenario's time 0; None for the log's common one
 
 
 @dataclass(frozen=True)
@@ -104,6 +107,7 @@ class Case:
     subject: SubjectVehicle | None  # the subject vehicle in it
     behaviour: Behaviour | None  # what Stage 2 calibrates
     inputs: tuple[Input, ...]  # what Stage 1 calibrates, empty where the case says nothing
+    log_form: LogForm = LogForm()  # how the drives' tables are written
 
     def drives_of(self, role: Role) -> tuple[Drive, ...]:
         """Return the drives of one role."""
@@ -151,6 +155,7 @@ def read_case(folder: Path | str) -> Case:
         subject=table.subject and _subject(table.subject),
         behaviour=table.behaviour and _behaviour(table.behaviour),
         inputs=tuple(Input(entrance.id, entrance.flows, entrance.windows_s) for entrance in table.input),
+        log_form=log_form_of(table.log),
     )
 
 
@@ -201,6 +206,7 @@ def _drive(root: Path, drive: DriveSection) -> Drive:
         subject_file=_file(root, f"drive[{drive.id}].subject", drive.subject),
         objects_file=_file(root, f"drive[{drive.id}].objects", drive.objects),
         role="fit" if drive.role == "fit" else "held_out",
+        time_zero=drive.time_zero,
     )
 
 

@@ -11,6 +11,7 @@ from typing import Annotated, Any, Literal
 import msgspec
 from msgspec import Meta
 
+from jaxcalib.case.log_section import LogSection, Number
 from jaxcalib.errors import CaseError, quote, shorten
 
 FILE_NAME = "case.toml"
@@ -103,6 +104,7 @@ class DriveSection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     subject: FilePath
     objects: FilePath
     role: Annotated[str, Meta(pattern="^(fit|held_out)$", description='"fit" or "held_out"')]
+    time_zero: Number | None = None
 
 
 class CaseTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -114,6 +116,7 @@ class CaseTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     scenario: ScenarioSection | None = None
     subject: SubjectSection | None = None
     behaviour: BehaviourSection | None = None
+    log: LogSection | None = None
     input: tuple[InputSection, ...] = ()
     drive: tuple[DriveSection, ...] = ()
 
@@ -125,7 +128,10 @@ def read_case_table(folder: Path) -> CaseTable:
         CaseError: the file is missing, too large or not TOML, a key is missing or unknown, a value has the wrong type
             or lies out of its range.
     """
-    data = _parse(_text(folder))
+    return _converted(_parse(_text(folder / FILE_NAME)))
+
+
+def _converted(data: dict[str, Any]) -> CaseTable:
     try:
         return msgspec.convert(data, CaseTable)
     except msgspec.ValidationError as error:
@@ -134,11 +140,33 @@ def read_case_table(folder: Path) -> CaseTable:
         raise CaseError(FILE_NAME, "", "expected fewer levels of tables and lists in one another.") from None
 
 
-def _text(folder: Path) -> str:
-    file = folder / FILE_NAME
+def read_log_section(file: Path) -> tuple[LogSection, str]:
+    """Read a file that holds nothing but section [log].
+
+    Returns:
+        The section, and the file's text.
+
+    Raises:
+        CaseError: as for case.toml, or it holds something else.
+    """
+    try:
+        text = _text(file)
+        data = _parse(text)
+        if set(data) != {"log"}:
+            raise CaseError(file, "", "expected section [log] (docs/case.md) and nothing else.")
+        perception = {"ahead_m": 1.0, "behind_m": 1.0, "reference": "front", "nominal_length_m": 1.0}
+        section = _converted({"format": 1, "name": "log", "perception": perception} | data).log
+    except CaseError as error:
+        raise CaseError(file, error.place, error.expected) from None
+    assert section is not None
+    return section, text
+
+
+def _text(file: Path) -> str:
     try:
         if not file.is_file():
-            raise CaseError(FILE_NAME, "", f"expected this file in the folder {quote(str(folder))}; there is none.")
+            where = f"expected this file in the folder {quote(str(file.parent))}; there is none."
+            raise CaseError(FILE_NAME, "", where)
         with file.open("rb") as stream:
             content = stream.read(LARGEST_BYTES + 1)
     except (OSError, ValueError) as error:

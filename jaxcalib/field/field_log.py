@@ -20,6 +20,8 @@ from jaxcalib.field.log_tables import (
 from jaxcalib.field.logged_motion import logged_motion
 from jaxcalib.field.matched_objects import match_objects
 from jaxcalib.field.matched_subject import MatchedSubject, match_subject
+from jaxcalib.field.object_places import at_front, front_to_front, with_distances
+from jaxcalib.field.own_path import own_path_geometry
 from jaxcalib.field.physics.impossible_tracks import ImpossibleRows, impossible_rows
 from jaxcalib.field.physics.judgement import judge_drives
 from jaxcalib.field.physics.motion import DriveMotion
@@ -97,6 +99,7 @@ class DriveTables:
     subject: MatchedSubject
     motion: DriveMotion  # what its physics is judged by
     impossible: ImpossibleRows  # rows of the objects' table that were left out
+    left_out_objects: ObjectLog  # these rows
 
 
 @dataclass(frozen=True)
@@ -108,6 +111,9 @@ class DriveLogs:
     left_out: tuple[str, ...]  # one line for each drive without rows
     refusals: tuple[CaseError, ...]  # what is wrong with the others, and what they contradict themselves in
     contradictions: tuple[str, ...] = ()  # what they contradict themselves in a little, one line each
+    # tables of the drives that could be laid onto the road, or along their own way, those that are refused, too
+    tables: tuple[tuple[Drive, DriveTables], ...] = ()
+    geometry: RouteGeometry | None = None  # of the road; None where each drive was laid along its own way
 
 
 def read_drives(case: Case, row_map: RowMap, rules: CleaningRules | None = None) -> DriveLogs:
@@ -147,7 +153,32 @@ def read_drives(case: Case, row_map: RowMap, rules: CleaningRules | None = None)
         left_out=tuple(f"drive {drive.id} is left out: {error}" for drive, error in empty),
         refusals=tuple(refusals),
         contradictions=tuple(str(one) for one in found if not one.is_refused),
+        tables=tuple(tables),
+        geometry=geometry,
     )
+
+
+def judge_without_road(case: Case) -> DriveLogs:
+    """Judge drives by themselves, each along its own way; nothing is laid onto a road, so no drive comes back."""
+    tables: list[tuple[Drive, DriveTables]] = []
+    refusals: list[CaseError] = []
+    left_out: list[str] = []
+    for drive in case.drives:
+        try:
+            form = case.log_form.with_time_zero(drive.time_zero)
+            geometry = own_path_geometry(read_subject_log(drive.subject_file, *_clock_of(case, drive), form=form))
+            if geometry is None:
+                left_out.append(f"drive {drive.id} is not judged: its places mean nothing without the scenario.")
+            else:
+                tables.append((drive, read_tables(case, drive, geometry)))
+        except EmptyLogError as error:
+            left_out.append(f"drive {drive.id} is left out: {error}")
+        except CaseError as error:
+            refusals.append(error)
+    found = judge_drives([own.motion for _, own in tables], [own.impossible for _, own in tables])
+    refusals += [CaseError(one.file, one.column, one.words) for one in found if one.is_refused]
+    contradictions = tuple(str(one) for one in found if not one.is_refused)
+    return DriveLogs(case, (), tuple(left_out), tuple(refusals), contradictions, tuple(tables))
 
 
 def table_faults(case: Case) -> list[CaseError]:
@@ -156,7 +187,7 @@ def table_faults(case: Case) -> list[CaseError]:
     for drive in case.drives:
         for read, file in ((read_subject_log, drive.subject_file), (read_object_log, drive.objects_file)):
             try:
-                read(file, *_clock_of(case, drive))
+                read(file, *_clock_of(case, drive), form=case.log_form.with_time_zero(drive.time_zero))
             except EmptyLogError:
                 continue  # such a drive is left out
             except CaseError as error:
@@ -198,13 +229,24 @@ def read_tables(case: Case, drive: Drive, geometry: RouteGeometry) -> DriveTable
     Raises:
         CaseError: a table is wrong, or the subject vehicle's does not fit the road.
     """
-    subject_log = read_subject_log(drive.subject_file, *_clock_of(case, drive))
-    object_log = read_object_log(drive.objects_file, *_clock_of(case, drive))
-    subject = match_subject(geometry, subject_log)
+    form, clock = case.log_form.with_time_zero(drive.time_zero), _clock_of(case, drive)
+    subject_log = read_subject_log(drive.subject_file, *clock, form=form)
+    object_log = read_object_log(drive.objects_file, *clock, form=form)
+    placed = match_subject(geometry, subject_log)
+    length_m = case.perception.nominal_length_m
+    object_log = front_to_front(with_distances(geometry, object_log, placed), form, length_m)
+    subject = at_front(placed, form, length_m)
     motion = logged_motion(geometry, drive, subject_log, subject, object_log)
     impossible = impossible_rows(motion)
     left_out = impossible.any
-    return DriveTables(subject_log, object_log.without(left_out), subject, motion.without(left_out), impossible)
+    return DriveTables(
+        subject_log=subject_log,
+        object_log=object_log.without(left_out),
+        subject=subject,
+        motion=motion.without(left_out),
+        impossible=impossible,
+        left_out_objects=object_log.without(~left_out),
+    )
 
 
 def lay_out(

@@ -13,7 +13,12 @@ MOST_ASIDE_M = 0.5  # from the middle of the lanes, in the median, under a cause
 
 
 def lane_cause(
-    geometry: RouteGeometry, position_m: np.ndarray, across_m: np.ndarray, lane: np.ndarray, edge: np.ndarray
+    geometry: RouteGeometry,
+    position_m: np.ndarray,
+    across_m: np.ndarray,
+    lane: np.ndarray,
+    edge: np.ndarray,
+    from_left: bool = False,
 ) -> str:
     """Say what would make lanes and places agree, as a sentence that begins with a space; empty where nothing would.
 
@@ -23,21 +28,24 @@ def lane_cause(
         across_m: places across it.
         lane: lanes that the log names.
         edge: edges on which they are counted.
+        from_left: whether they are said to be counted from the left.
     """
     named = lane != LANE_UNKNOWN
 
-    def contradicting(across_m: np.ndarray, lane: np.ndarray) -> float:
-        match = match_lanes(geometry, position_m, across_m, lane, edge)
+    def contradicting(across_m: np.ndarray, lane: np.ndarray, from_left: bool = from_left) -> float:
+        match = match_lanes(geometry, position_m, across_m, lane, edge, from_left)
         wrong = match.contradicts | match.no_such_lane
         is_aside = not wrong.all() and abs(np.nanmedian(match.lateral_m[~wrong])) > MOST_ASIDE_M
         return 1.0 if is_aside else float(np.mean(wrong))
 
     as_stated = contradicting(across_m, lane)
-    from_left = np.where(named, geometry.num_lanes[edge] + 1 - lane, LANE_UNKNOWN)
+    side, other = ("left", "right") if from_left else ("right", "left")
     ways = {
-        "lanes seem to be counted from the left; 1 is to be the rightmost.": (across_m, from_left),
-        "lanes seem to be counted from 0; 1 is to be the rightmost.": (across_m, np.where(named, lane + 1, lane)),
-    }
+        f"lanes seem to be counted from the {other}; 1 is to be the {side}most, unless [log] has lanes_from.":
+        (across_m, lane, not from_left),
+        f"lanes seem to be counted from 0; 1 is to be the {side}most, unless [log] has first_lane = 0.":
+        (across_m, np.where(named, lane + 1, lane)),
+    }  # fmt: skip
     best = min(ways, key=lambda words: contradicting(*ways[words]))
     shifts_m = np.arange(-FARTHEST_M, FARTHEST_M + STEP_M / 2, STEP_M)
     left = [contradicting(across_m - shift_m, lane) for shift_m in shifts_m]

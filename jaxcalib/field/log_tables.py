@@ -9,9 +9,11 @@ from pathlib import Path
 
 import numpy as np
 
+from jaxcalib.case.log_form import TABLE_1, LogForm
 from jaxcalib.errors import CaseError, quote
-from jaxcalib.field.logged_place import LoggedPlace, logged_place, place_columns
-from jaxcalib.field.table_files import ColumnTable, Kind, SizeLimit, column_names, read_columns, row_place
+from jaxcalib.field.log_columns import our_names, read_log_columns
+from jaxcalib.field.logged_place import LoggedPlace, logged_place, place_columns, place_columns_among
+from jaxcalib.field.table_files import ColumnTable, Kind, SizeLimit, row_place
 from sim_adapters.units import mps_from_kmh
 
 LANE_UNKNOWN = 0
@@ -38,11 +40,11 @@ OBJECT_COLUMNS: Mapping[str, Kind] = {
     "time_s": "number",
     "vehicle_id": "text",
     "lane": "number",
-    "relative_x_m": "number",
-    "relative_y_m": "number",
     "speed_kmh": "number",
     "heading_deg": "number",
 }
+RELATIVE_COLUMNS: Mapping[str, Kind] = {"relative_x_m": "number", "relative_y_m": "number"}
+LENGTH_COLUMN: Mapping[str, Kind] = {"length_m": "number"}  # read where it is there
 
 
 class EmptyLogError(CaseError):
@@ -61,9 +63,10 @@ class SubjectLog:
     yaw_rate_radps: np.ndarray  # angular velocity around the vertical axis
     place: LoggedPlace  # where the front bumper's middle is
     acceleration_mps2: np.ndarray  # longitudinal acceleration
-    lane: np.ndarray  # 1 = rightmost, LANE_UNKNOWN where empty
+    lane: np.ndarray  # counted from 1, LANE_UNKNOWN where empty
     lane_offset_m: np.ndarray  # centre line to the nearest lane marking
     extra_columns: tuple[str, ...]  # columns that nobody reads
+    lanes_from_left: bool = False  # lane 1 is the leftmost
 
     @property
     def sampling_s(self) -> float:
@@ -80,20 +83,29 @@ class ObjectLog:
     vehicle: np.ndarray  # number of the vehicle, an index into `vehicle_ids`
     vehicle_ids: tuple[str, ...]  # ids, sorted
     lane: np.ndarray  # 1 = rightmost, LANE_UNKNOWN where empty
-    relative_x_m: np.ndarray  # along the road from the subject vehicle, + ahead
-    relative_y_m: np.ndarray  # across the road, + left
+    # along the road from the subject vehicle, + ahead, and across, + left; nan at first where the log has places
+    relative_x_m: np.ndarray
+    relative_y_m: np.ndarray
     speed_mps: np.ndarray  # absolute speed
     heading_rad: np.ndarray  # against the road's direction
+    length_m: np.ndarray
+    place: LoggedPlace | None  # where the log has them, instead of distances from the subject vehicle
     extra_columns: tuple[str, ...]  # columns that nobody reads
+    lanes_from_left: bool = False  # lane 1 is the leftmost
 
     def without(self, rows: np.ndarray) -> "ObjectLog":
         """The table less some of its rows; vehicles keep their numbers."""
-        columns = ("time_s", "vehicle", "lane", "relative_x_m", "relative_y_m", "speed_mps", "heading_rad")
-        return replace(self, **{name: getattr(self, name)[~rows] for name in columns})
+        columns = ("time_s", "vehicle", "lane", "relative_x_m", "relative_y_m", "speed_mps", "heading_rad", "length_m")
+        place = self.place and replace(self.place, first=self.place.first[~rows], second=self.place.second[~rows])
+        return replace(self, place=place, **{name: getattr(self, name)[~rows] for name in columns})
 
 
 def read_subject_log(
-    file: Path, earliest_s: float = -np.inf, latest_s: float = np.inf, limit: SizeLimit | None = None
+    file: Path,
+    earliest_s: float = -np.inf,
+    latest_s: float = np.inf,
+    limit: SizeLimit | None = None,
+    form: LogForm = TABLE_1,
 ) -> SubjectLog:
     """Read the subject vehicle's table.
 
@@ -105,14 +117,15 @@ def read_subject_log(
         earliest_s: earliest time on the scenario's clock.
         latest_s: latest.
         limit: what the file may grow to.
+        form: how the table is written.
 
     Raises:
         EmptyLogError: the table has no two rows.
         CaseError: see `read_columns`; times that do not increase or lie outside the scenario's clock; a sampling rate
             outside of 1 to 25 Hz; a value that the quantity cannot have.
     """
-    kind, columns = place_columns(file, column_names(file))
-    table = read_columns(file, {**SUBJECT_COLUMNS, **columns}, limit)
+    kind, columns = place_columns(file, our_names(file, form.subject))
+    table = read_log_columns(file, {**SUBJECT_COLUMNS, **columns}, form.subject, form.absent, limit)
     if table.num_rows < 2:
         raise EmptyLogError(file, "", f"expected at least two rows of data, got {table.num_rows}.")
     time_s = table.numbers["time_s"]
@@ -121,7 +134,7 @@ def read_subject_log(
     if np.any(step_s <= 0.0):
         index = int(np.argmax(step_s <= 0.0)) + 1
         found = "the same time again" if time_s[index] == time_s[index - 1] else "less"
-        place = row_place(index, "time_s")
+        place = table.place(index, "time_s")
         raise CaseError(file, place, f"expected time_s to increase, got {time_s[index]:.10g}, {found}.")
     rate_hz = 1.0 / float(np.median(step_s))
     tolerance = 1.0 + SAMPLING_TOLERANCE
@@ -141,16 +154,21 @@ def read_subject_log(
         speed_limit_mps=_speeds_mps(table, "speed_limit_kmh"),
         speed_mps=_speeds_mps(table, "speed_kmh"),
         yaw_rate_radps=table.numbers["yaw_rate_radps"],
-        place=logged_place(table, kind),
+        place=logged_place(table, kind, form.crs),
         acceleration_mps2=table.numbers["acceleration_mps2"],
-        lane=_lanes(table),
+        lane=_lanes(table, form),
         lane_offset_m=table.numbers["lane_offset_m"],
         extra_columns=table.extra_columns,
+        lanes_from_left=form.lanes_from == "left",
     )
 
 
 def read_object_log(
-    file: Path, earliest_s: float = -np.inf, latest_s: float = np.inf, limit: SizeLimit | None = None
+    file: Path,
+    earliest_s: float = -np.inf,
+    latest_s: float = np.inf,
+    limit: SizeLimit | None = None,
+    form: LogForm = TABLE_1,
 ) -> ObjectLog:
     """Read the table of detected vehicles; its rows may come in any order, and it may be empty.
 
@@ -159,12 +177,18 @@ def read_object_log(
         earliest_s: earliest time on the scenario's clock.
         latest_s: latest.
         limit: what the file may grow to.
+        form: how the table is written.
 
     Raises:
         CaseError: see `read_columns`; a time outside the scenario's clock, a missing id, one vehicle twice at one time,
             a value that the quantity cannot have.
     """
-    table = read_columns(file, OBJECT_COLUMNS, limit)
+    names = our_names(file, form.objects)
+    placed = None if "relative_x_m" in names else place_columns_among(names)
+    kind, places = placed or (None, RELATIVE_COLUMNS)
+    wanted: dict[str, Kind] = {**OBJECT_COLUMNS, **places, **(LENGTH_COLUMN if "length_m" in names else {})}
+    table = read_log_columns(file, wanted, form.objects, form.absent, limit)
+    nothing = np.full(table.num_rows, np.nan)
     _check_time(table, earliest_s, latest_s)
     _check_absolute_speeds(table)
     _check_range(table, "speed_kmh", 0.0, HIGHEST_SPEED_KMH, "a speed of 0 to 400 km/h")
@@ -181,12 +205,15 @@ def read_object_log(
         time_s=time_s,
         vehicle=vehicle,
         vehicle_ids=vehicle_ids,
-        lane=_lanes(table),
-        relative_x_m=table.numbers["relative_x_m"],
-        relative_y_m=table.numbers["relative_y_m"],
+        lane=_lanes(table, form),
+        relative_x_m=table.numbers.get("relative_x_m", nothing),
+        relative_y_m=table.numbers.get("relative_y_m", nothing),
         speed_mps=_speeds_mps(table, "speed_kmh"),
         heading_rad=np.radians(table.numbers["heading_deg"]),
+        length_m=table.numbers.get("length_m", nothing),
+        place=None if kind is None else logged_place(table, kind, form.crs),
         extra_columns=table.extra_columns,
+        lanes_from_left=form.lanes_from == "left",
     )
 
 
@@ -194,12 +221,12 @@ def _check_time(table: ColumnTable, earliest_s: float, latest_s: float) -> None:
     time_s = table.numbers["time_s"]
     missing = np.isnan(time_s)
     if np.any(missing):
-        raise CaseError(table.file, row_place(int(np.argmax(missing)), "time_s"), "expected a time, got nothing.")
+        raise CaseError(table.file, table.place(int(np.argmax(missing)), "time_s"), "expected a time, got nothing.")
     outside = (time_s < earliest_s) | (time_s > latest_s)
     if np.any(outside):
         index = int(np.argmax(outside))
         expected = f"expected {earliest_s:g} to {latest_s:g} on the scenario's clock, got {time_s[index]:.10g}."
-        raise CaseError(table.file, row_place(index, "time_s"), expected)
+        raise CaseError(table.file, table.place(index, "time_s"), expected)
 
 
 def _check_absolute_speeds(table: ColumnTable) -> None:
@@ -210,7 +237,7 @@ def _check_absolute_speeds(table: ColumnTable) -> None:
             f"expected absolute speeds, got {is_negative.mean():.0%} of the rows below 0: are they relative to the "
             "subject vehicle's, or of oncoming traffic?"
         )
-        raise CaseError(table.file, row_place(int(np.argmax(is_negative)), "speed_kmh"), expected)
+        raise CaseError(table.file, table.place(int(np.argmax(is_negative)), "speed_kmh"), expected)
 
 
 def _check_range(table: ColumnTable, column: str, least: float, most: float, expected: str) -> None:
@@ -218,21 +245,23 @@ def _check_range(table: ColumnTable, column: str, least: float, most: float, exp
     outside = (values < least) | (values > most)
     if np.any(outside):
         index = int(np.argmax(outside))
-        raise CaseError(table.file, row_place(index, column), f"expected {expected}, got {values[index]:.10g}.")
+        raise CaseError(table.file, table.place(index, column), f"expected {expected}, got {values[index]:.10g}.")
 
 
 def _speeds_mps(table: ColumnTable, column: str) -> np.ndarray:
     return np.asarray(mps_from_kmh(table.numbers[column]))  # pyright: ignore[reportArgumentType]
 
 
-def _lanes(table: ColumnTable) -> np.ndarray:
-    lane = table.numbers["lane"]
+def _lanes(table: ColumnTable, form: LogForm) -> np.ndarray:
+    """Lanes counted from 1, at whichever side the log begins."""
+    logged = table.numbers["lane"]
+    lane = logged + (1 - form.first_lane)
     filled = np.where(np.isnan(lane), 1.0, lane)
     wrong = (filled < 1.0) | (filled > MOST_LANES) | (filled != np.round(filled))
     if np.any(wrong):
         index = int(np.argmax(wrong))
-        expected = f"expected a whole number from 1 (rightmost), got {lane[index]:.10g}."
-        raise CaseError(table.file, row_place(index, "lane"), expected)
+        expected = f"expected a whole number from {form.first_lane} ({form.lanes_from}most), got {logged[index]:.10g}."
+        raise CaseError(table.file, table.place(index, "lane"), expected)
     return np.where(np.isnan(lane), LANE_UNKNOWN, filled).astype(np.int64)
 
 
@@ -241,7 +270,7 @@ def _vehicles(table: ColumnTable) -> tuple[np.ndarray, tuple[str, ...]]:
     index, words = table.texts["vehicle_id"]
     if "" in words:
         first = int(np.argmax(index == words.index("")))
-        raise CaseError(table.file, row_place(first, "vehicle_id"), "expected an id, got nothing.")
+        raise CaseError(table.file, table.place(first, "vehicle_id"), "expected an id, got nothing.")
     ranked = sorted(range(len(words)), key=words.__getitem__)
     rank = np.empty(len(words), np.int64)
     rank[ranked] = np.arange(len(words))

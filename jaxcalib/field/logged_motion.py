@@ -15,7 +15,7 @@ def logged_motion(
 ) -> DriveMotion:
     """Return a drive's motion as its log has it."""
     table, row = subject.table, subject.log_row
-    is_named = subject_log.lane[row] != LANE_UNKNOWN
+    is_named = (subject_log.lane[row] != LANE_UNKNOWN) & geometry.has_lanes
     lateral_m = subject.across_m - lane_centre_m(geometry, subject.edge, table.row)
     side = -1.0 if geometry.is_mirrored else 1.0
     return DriveMotion(

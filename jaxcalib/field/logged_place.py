@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
+import pyproj
 
 from jaxcalib.errors import CaseError
 from jaxcalib.field.route_geometry import RouteGeometry
@@ -14,14 +15,14 @@ from jaxcalib.field.table_files import ColumnTable, Kind
 PlaceKind = Literal["globe", "plane", "edge"]
 PLACE_COLUMNS: Mapping[PlaceKind, tuple[str, str]] = {
     "globe": ("longitude_rad", "latitude_rad"),
-    "plane": ("x_m", "y_m"),  # the coordinates of the SUMO network, its offset included
+    "plane": ("x_m", "y_m"),  # the coordinates of the SUMO network, its offset included, unless `crs` names others
     "edge": ("edge", "position_m"),  # SUMO edge id, and metres from its beginning
 }
 
 
 @dataclass(frozen=True)
 class LoggedPlace:
-    """Places of the front bumper's middle, one per row of the log."""
+    """Places of the front bumper's middle (or of what `[perception] reference` says), one per row of the log."""
 
     kind: PlaceKind  # how they are given
     first: np.ndarray  # longitude, x, or the edge's id
@@ -64,16 +65,38 @@ def place_columns(file: Path, names: Sequence[str]) -> tuple[PlaceKind, Mapping[
     Raises:
         CaseError: in none of the three.
     """
-    for kind, columns in PLACE_COLUMNS.items():
-        if set(columns) <= set(names):
-            return kind, {columns[0]: "text" if kind == "edge" else "number", columns[1]: "number"}
+    if found := place_columns_among(names):
+        return found
     ways = ", or ".join(" and ".join(columns) for columns in PLACE_COLUMNS.values())
     raise CaseError(file, "header", f"expected columns that say where the vehicle is: {ways}.")
 
 
-def logged_place(table: ColumnTable, kind: PlaceKind) -> LoggedPlace:
-    """Places of a table that was read with the columns of `place_columns`."""
+def place_columns_among(names: Sequence[str]) -> tuple[PlaceKind, Mapping[str, Kind]] | None:
+    """The same; None where these columns say no place."""
+    for kind, columns in PLACE_COLUMNS.items():
+        if set(columns) <= set(names):
+            return kind, {columns[0]: "text" if kind == "edge" else "number", columns[1]: "number"}
+    return None
+
+
+def logged_place(table: ColumnTable, kind: PlaceKind, crs: str | None = None) -> LoggedPlace:
+    """Places of a table that was read with the columns of `place_columns`.
+
+    Args:
+        table: the table.
+        kind: how it gives places.
+        crs: coordinate reference system of x_m and y_m; None where they are the network's own.
+    """
     first, second = PLACE_COLUMNS[kind]
+    if kind == "plane" and crs is not None:
+        to_globe = pyproj.Transformer.from_crs(crs, "EPSG:4326", always_xy=True)
+        longitude_deg, latitude_deg = to_globe.transform(table.numbers[first], table.numbers[second])
+        known = np.isfinite(longitude_deg) & np.isfinite(latitude_deg)
+        return LoggedPlace(
+            "globe",
+            np.where(known, np.radians(longitude_deg), np.nan),
+            np.where(known, np.radians(latitude_deg), np.nan),
+        )
     if kind != "edge":
         return LoggedPlace(kind, table.numbers[first], table.numbers[second])
     index, words = table.texts[first]

@@ -101,8 +101,28 @@ def lane_centre_m(geometry: RouteGeometry, edge: np.ndarray, row: np.ndarray) ->
     return np.where(in_row.any(axis=1), geometry.lane_centre_m[edge, lane], np.nan)
 
 
+def lane_number_from_right(
+    geometry: RouteGeometry, lane: np.ndarray, edge: np.ndarray, from_left: bool = False
+) -> np.ndarray:
+    """Numbers of lanes, counted from 1 at the geometry's right: the network's lane 0.
+
+    Args:
+        geometry: the route.
+        lane: as logged, counted from 1.
+        edge: index of the edge that it is counted on; any shape that goes with `lane`.
+        from_left: whether 1 is the leftmost on the road.
+    """
+    is_turned = geometry.is_mirrored != from_left
+    return geometry.num_lanes[edge] + 1 - lane if is_turned else np.broadcast_to(lane, edge.shape)
+
+
 def match_lanes(
-    geometry: RouteGeometry, position_m: np.ndarray, across_m: np.ndarray, lane: np.ndarray, edge: np.ndarray
+    geometry: RouteGeometry,
+    position_m: np.ndarray,
+    across_m: np.ndarray,
+    lane: np.ndarray,
+    edge: np.ndarray,
+    from_left: bool = False,
 ) -> LaneMatch:
     """Return the lanes that numbers of lanes mean.
 
@@ -117,8 +137,9 @@ def match_lanes(
         across_m: across the road in the coordinate of `geometry.lane_centre_m`; nan where unknown.
         lane: 1 = rightmost, LANE_UNKNOWN where empty.
         edge: index of the edge that the number most likely refers to.
+        from_left: whether 1 is the leftmost instead.
     """
-    given, placed = lane != LANE_UNKNOWN, ~np.isnan(across_m)
+    given, placed = (lane != LANE_UNKNOWN) & geometry.has_lanes, ~np.isnan(across_m)
     candidates = np.stack([edge, edge - 1, edge + 1], axis=1)
     last = len(geometry.edges) - 1
     inside = np.clip(candidates, 0, last)
@@ -129,7 +150,7 @@ def match_lanes(
     reached[:, 0] = True
 
     num_lanes = geometry.num_lanes[inside]
-    from_first = num_lanes - lane[:, None] if geometry.is_mirrored else np.broadcast_to(lane[:, None] - 1, inside.shape)
+    from_first = lane_number_from_right(geometry, lane[:, None], inside, from_left) - 1
     index = np.where(given[:, None], from_first, 0)
     has_lane = (index >= 0) & (index < num_lanes)
     exists = reached & has_lane

@@ -59,7 +59,7 @@ def match_objects(
     subject_across_m = lane_centre_m(geometry, subject.edge, table.row) + table.lateral_m
     across_m = subject_across_m[instant] + (-log.relative_y_m if geometry.is_mirrored else log.relative_y_m)
     edge = geometry.edge_at(position_m)
-    lanes = match_lanes(geometry, position_m, across_m, log.lane, edge)
+    lanes = match_lanes(geometry, position_m, across_m, log.lane, edge, log.lanes_from_left)
     rows_misplaced = refuse_lanes(geometry, log.file, np.arange(len(keep)), log.lane, keep, lanes)
     contradicts = keep & lanes.contradicts
     share = int(contradicts.sum()) / max(int(keep.sum()), 1)

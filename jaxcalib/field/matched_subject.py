@@ -67,7 +67,7 @@ def match_subject(geometry: RouteGeometry, log: SubjectLog) -> MatchedSubject:
         raise CaseError(log.file, place, expected + also)
     edge, num_contradicting_roads = _edge_of_road(geometry, log.road[log_row], point.position_m)
     across_m = lane_centre_m(geometry, geometry.edge_at(point.position_m), point.row) + point.lateral_m
-    lanes = match_lanes(geometry, point.position_m, across_m, log.lane[log_row], edge)
+    lanes = match_lanes(geometry, point.position_m, across_m, log.lane[log_row], edge, log.lanes_from_left)
     refuse_lanes(geometry, log.file, log_row, log.lane[log_row], np.ones(len(log_row), bool), lanes)
     wrong_share = float(np.mean(lanes.contradicts))
     if wrong_share > MOST_CONTRADICTING:
@@ -75,7 +75,7 @@ def match_subject(geometry: RouteGeometry, log: SubjectLog) -> MatchedSubject:
         expected = (
             f"expected the lane where {log.place.columns} lie, got {log.lane[log_row[index]]}; "
             f"{wrong_share:.0%} of the rows contradict so."
-            f"{lane_cause(geometry, point.position_m, across_m, log.lane[log_row], edge)}"
+            f"{lane_cause(geometry, point.position_m, across_m, log.lane[log_row], edge, log.lanes_from_left)}"
         )
         raise CaseError(log.file, row_place(int(log_row[index]), "lane"), expected)
     row = np.where(lanes.row >= 0, lanes.row, point.row)

@@ -41,6 +41,7 @@ class RouteGeometry:
     # whether the plane, across the road too, is mirrored, for traffic drives on the left: to whoever looks things
     # up here the network's lane 0 is the rightmost in any case
     is_mirrored: bool = False
+    has_lanes: bool = True  # whether it knows the road's lanes; otherwise everything is on its one lane
 
     @property
     def route_length_m(self) -> float:
@@ -103,6 +104,38 @@ def build_route_geometry(row_map: RowMap) -> RouteGeometry:
         projection=_projection(network),
         net_offset_m=_offset_m(net),
         is_mirrored=network.is_left_hand,
+    )
+
+
+def geometry_of_line(line: np.ndarray, projection: Any) -> RouteGeometry:
+    """Return the geometry of a road of which nothing but a line is known.
+
+    Args:
+        line: its points, [point, 2].
+        projection: from longitude and latitude in degrees to the line's plane; None where there is none.
+    """
+    length_m = float(np.hypot(*np.diff(line, axis=0).T).sum())
+    begin_xy, step_xy, begin_m, lengths_m, row = _cut([(0, line, 0.0, length_m)])
+    segment_of_point, points = _points(begin_xy, step_xy)
+    return RouteGeometry(
+        begin_xy=begin_xy,
+        step_xy=step_xy,
+        begin_m=begin_m,
+        length_m=lengths_m,
+        row=row,
+        by_row=(np.arange(len(row)),),
+        tree=KDTree(points),
+        segment_of_point=segment_of_point,
+        edges=("",),
+        edge_start_m=np.zeros(1),
+        edge_end_m=np.asarray([length_m]),
+        num_lanes=np.ones(1, int),
+        row_of_lane=np.zeros((1, 1), int),
+        lane_centre_m=np.zeros((1, 1)),
+        lane_width_m=np.full((1, 1), np.inf),
+        projection=projection,
+        net_offset_m=(0.0, 0.0),
+        has_lanes=False,
     )
 
 

@@ -10,7 +10,7 @@ import io
 import re
 import zlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
@@ -47,6 +47,11 @@ class ColumnTable:
     texts: dict[str, tuple[np.ndarray, list[str]]]
     num_rows: int  # number of data rows
     extra_columns: tuple[str, ...]  # columns that the file has beside the wanted ones
+    shown: Mapping[str, str] = field(default_factory=dict)  # names in messages of columns that the file names otherwise
+
+    def place(self, index: int, column: str) -> str:
+        """Name in messages of a value: its row, counted from 0 here, and its column."""
+        return row_place(index, self.shown.get(column, column))
 
 
 def row_place(index: int, column: str = "") -> str:

@@ -7,6 +7,8 @@ from jaxcalib.case.case import Role
 
 HEAD = '# Made by `jaxcalib new`. Lines that say "guess" are worth a look; docs/case.md says what each key means.'
 
+TIME_ZERO = "guess: the log's clock is another than the scenario's; the first row is put where the road is filled"
+
 
 @dataclass(frozen=True)
 class Line:
@@ -43,6 +45,7 @@ class NewDrive:
     subject: str
     objects: str
     role: Role
+    time_zero: float | None = None
 
     def table(self, comment: str) -> Table:
         """Return its table; the comment stands at the departure."""
@@ -54,13 +57,15 @@ class NewDrive:
                 Line("subject", self.subject),
                 Line("objects", self.objects),
                 Line("role", self.role),
+                *([] if self.time_zero is None else [Line("time_zero", self.time_zero, TIME_ZERO)]),
             ),
         )
 
 
-def case_text(name: str, tables: list[Table]) -> str:
-    """Return the text of case.toml."""
-    return "\n\n".join([HEAD, f"format = 1\nname = {_toml(name)}", *map(str, tables)]) + "\n"
+def case_text(name: str, tables: list[Table], log_text: str = "") -> str:
+    """Return the text of case.toml; `log_text` is its section [log]."""
+    parts = [HEAD, f"format = 1\nname = {_toml(name)}", *map(str, tables), log_text.strip()]
+    return "\n\n".join(filter(None, parts)) + "\n"
 
 
 def _toml(value: str | float | tuple[str, ...]) -> str:

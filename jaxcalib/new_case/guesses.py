@@ -6,14 +6,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from jaxcalib.case.log_form import LogForm
 from jaxcalib.field.map_matching import match_points
 from jaxcalib.field.route_geometry import RouteGeometry
-from jaxcalib.new_case.recorded_drives import RecordedDrive
+from jaxcalib.new_case.recorded_drives import RecordedDrive, put_at
 from jaxcalib.problem.inputs import found_inputs
+from sim_adapters.scenario.configuration import SumoConfiguration
 from sim_adapters.scenario.scenario import DEFAULT_MODEL, Scenario
 from sim_adapters.units import vehph_from_vehps
 
 LEAST_WARMUP_S = 300.0
+USUAL_WARMUP_S = 600.0  # before drives of another clock
+LATEST_S = 1e6  # on a scenario's clock that has no end: eleven days
 USUAL_RANGE_M = 150.0
 ROUNDED_M = 10.0
 LEAST_SPEED_MPS = 5.0
@@ -77,6 +81,21 @@ def filling_s(scenario: Scenario, drives: Sequence[RecordedDrive]) -> float:
 def warmup_s(begin_s: float, first_depart_s: float, filling: float) -> float:
     """End of the warm-up: when the road is filled, some minutes at least, and not after the first drive's departure."""
     return min(begin_s + max(LEAST_WARMUP_S, math.ceil(filling)), first_depart_s)
+
+
+def on_scenario_clock(
+    drives: Sequence[RecordedDrive], configuration: SumoConfiguration, form: LogForm
+) -> tuple[RecordedDrive, ...]:
+    """Drives on the scenario's clock: logs with times beyond it begin when its road may be filled, each for itself."""
+    begin_s, end_s = configuration.begin_s, configuration.end_s
+    latest_s = LATEST_S if end_s is None else end_s
+    if all(begin_s <= drive.begin_s and drive.end_s <= latest_s for drive in drives):
+        return tuple(drives)
+    longest_s = max(drive.end_s - drive.begin_s for drive in drives)
+    first_s = begin_s + USUAL_WARMUP_S
+    if end_s is not None:
+        first_s = max(begin_s, min(first_s, end_s - 2.0 * longest_s))
+    return tuple(put_at(drive, first_s, form) for drive in drives)
 
 
 def depart_s(scenario: Scenario, geometry: RouteGeometry, drive: RecordedDrive) -> float:

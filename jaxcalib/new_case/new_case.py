@@ -2,12 +2,16 @@
 
 import shutil
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import sumolib
 
-from jaxcalib.case.case_file import FILE_NAME
+from jaxcalib.case.case import Role
+from jaxcalib.case.case_file import FILE_NAME, read_log_section
+from jaxcalib.case.log_form import TABLE_1, LogForm
+from jaxcalib.case.log_units import log_form_of
 from jaxcalib.errors import CaseError, quote
 from jaxcalib.field.route_geometry import build_route_geometry
 from jaxcalib.new_case.case_text import Line, NewDrive, Table, case_text
@@ -19,6 +23,7 @@ from jaxcalib.new_case.guesses import (
     end_s,
     entrances_of,
     filling_s,
+    on_scenario_clock,
     range_m,
     warmup_s,
 )
@@ -33,8 +38,28 @@ from sim_adapters.scenario.sumo_files import read_xml
 from sim_adapters.sumo.loading import load_in_sumo
 
 
+@dataclass(frozen=True)
+class NewLogs:
+    """The drives of a new case."""
+
+    drives: tuple[RecordedDrive, ...]
+    left_out: tuple[str, ...]  # one line for each drive without rows
+    form: LogForm = TABLE_1  # how their tables are written
+    text: str = ""  # section [log] of case.toml, which says the same
+    roles: tuple[Role, ...] = ()  # of the drives; a third is held out where there are none
+
+    @property
+    def all_roles(self) -> tuple[Role, ...]:
+        """Roles of the drives."""
+        return self.roles or tuple(roles_of(len(self.drives)))
+
+
 def make_case(
-    folder: Path, config: Path, tables: Sequence[tuple[Path, Path]], subject: str | None = None
+    folder: Path,
+    config: Path,
+    tables: Sequence[tuple[Path, Path]],
+    subject: str | None = None,
+    log_file: Path | None = None,
 ) -> tuple[str, ...]:
     """Make a case.
 
@@ -43,6 +68,7 @@ def make_case(
         config: the scenario's .sumocfg.
         tables: for each drive the subject vehicle's table and the detected vehicles'.
         subject: id of the subject vehicle; found, or added, unless given.
+        log_file: a file with section [log], which says how the tables are written; Table 1 unless given.
 
     Returns:
         One line for each thing that was left out or added.
@@ -52,26 +78,37 @@ def make_case(
     """
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise CaseError(folder, "", "expected an empty folder, or a path where none is yet.")
-    drives, left_out = read_recorded_drives(tables)
+    section, log_text = (None, "") if log_file is None else read_log_section(log_file)
+    form = log_form_of(section)
+    drives, left_out = read_recorded_drives(tables, form)
     was_there = folder.is_dir()
     with writing_to(folder):
         folder.mkdir(parents=True, exist_ok=True)
         try:
-            return (*left_out, *_make(folder, config, drives, left_out, subject))
-        except BaseException as error:
+            return (*left_out, *write_case(folder, config, NewLogs(drives, left_out, form, log_text), subject))
+        except BaseException:
             for entry in folder.iterdir():
                 entry.unlink()
             if not was_there:
                 shutil.rmtree(folder)
-            if isinstance(error, ScenarioError):
-                raise CaseError(error.file, "", error.message) from None
             raise
 
 
-def _make(
-    folder: Path, config: Path, drives: Sequence[RecordedDrive], left_out: Sequence[str], subject: str | None
-) -> list[str]:
+def write_case(folder: Path, config: Path, logs: NewLogs, subject: str | None = None) -> list[str]:
+    """Write case.toml, and a subject vehicle where the scenario has none, into a folder that is there.
+
+    Raises:
+        CaseError: something in scenario or logs is wrong.
+    """
+    try:
+        return _write(folder, config, logs, subject)
+    except ScenarioError as error:
+        raise CaseError(error.file, "", error.message) from None
+
+
+def _write(folder: Path, config: Path, logs: NewLogs, subject: str | None) -> list[str]:
     configuration = read_configuration(config)
+    drives = on_scenario_clock(logs.drives, configuration, logs.form)
     read_xml(configuration.net_file)  # refuses what sumolib would read without a word
     said: list[str] = []
     comment = "as asked for"
@@ -93,9 +130,9 @@ def _make(
         *_scenario_tables(folder, config, scenario, drives, until_s),
         Table("[subject]", (Line("vtype", scenario.demand.subject_vtype), Line("vehicle", subject, comment))),
         *_traffic_tables(scenario, drives),
-        *_drive_tables(folder, scenario, drives, left_out),
+        *_drive_tables(folder, scenario, replace(logs, drives=drives)),
     ]
-    (folder / FILE_NAME).write_text(case_text(_name(folder), tables), encoding="utf-8")
+    (folder / FILE_NAME).write_text(case_text(_name(folder), tables, logs.text), encoding="utf-8")
     return said
 
 
@@ -181,9 +218,7 @@ def _said_of(drivers: Drivers) -> str:
     return f"guess: most of the traffic, alike in model, class and length; not moved: {others}"
 
 
-def _drive_tables(
-    folder: Path, scenario: Scenario, drives: Sequence[RecordedDrive], left_out: Sequence[str]
-) -> list[Table]:
+def _drive_tables(folder: Path, scenario: Scenario, logs: NewLogs) -> list[Table]:
     geometry = build_route_geometry(scenario.row_map)
     comment = "guess: by the log's first row and place"
     tables = [
@@ -193,9 +228,15 @@ def _drive_tables(
             path_from(folder, drive.subject_file),
             path_from(folder, drive.objects_file),
             role,
+            drive.time_zero,
         ).table(comment)
-        for drive, role in zip(drives, roles_of(len(drives)), strict=True)
+        for drive, role in zip(logs.drives, logs.all_roles, strict=True)
     ]
-    roles = "guess: a third of the drives is held out." if len(drives) > 1 else "One drive alone: none is held out."
-    first = Table(tables[0].name, tables[0].lines, (roles, *left_out))
+    if logs.roles:
+        roles = "Drives of later times are held out."
+    elif len(logs.drives) > 1:
+        roles = "guess: a third of the drives is held out."
+    else:
+        roles = "One drive alone: none is held out."
+    first = Table(tables[0].name, tables[0].lines, (roles, *logs.left_out))
     return [first, *tables[1:]]

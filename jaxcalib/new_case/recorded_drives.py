@@ -3,18 +3,20 @@
 import math
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from jaxcalib.case.case import Role
+from jaxcalib.case.log_form import TABLE_1, LogColumn, LogForm
 from jaxcalib.errors import CaseError
-from jaxcalib.field.log_tables import EmptyLogError, SubjectLog, read_object_log, read_subject_log
+from jaxcalib.field.log_tables import EmptyLogError, ObjectLog, SubjectLog, read_object_log, read_subject_log
 
 TABLE_SUFFIXES = re.compile(r"(\.csv|\.csv\.gz|\.parquet)$", re.IGNORECASE)
 DRIVE_ID = re.compile(r"[^\x00-\x1f\x7f/\\.][^\x00-\x1f\x7f/\\]{0,99}")
 HELD_OUT_SHARE = 1 / 3
+EARTH_RADIUS_M = 6_371_000.0  # rough distances alone hang on it
 
 
 @dataclass(frozen=True)
@@ -27,6 +29,7 @@ class RecordedDrive:
     log: SubjectLog  # the subject vehicle's table
     ahead_m: float  # farthest object ahead; 0 where there is none
     behind_m: float  # farthest object behind
+    time_zero: float | None = None  # value of its tables' time at the scenario's 0; None for what the logs' form says
 
     @property
     def begin_s(self) -> float:
@@ -44,11 +47,14 @@ class RecordedDrive:
         return float(np.sum(np.nan_to_num(self.log.speed_mps[1:]) * np.diff(self.log.time_s)))
 
 
-def read_recorded_drives(tables: Sequence[tuple[Path, Path]]) -> tuple[tuple[RecordedDrive, ...], tuple[str, ...]]:
+def read_recorded_drives(
+    tables: Sequence[tuple[Path, Path]], form: LogForm = TABLE_1
+) -> tuple[tuple[RecordedDrive, ...], tuple[str, ...]]:
     """Read the tables of drives.
 
     Args:
         tables: for each drive the subject vehicle's and the objects'.
+        form: how they are written.
 
     Returns:
         The drives, and one line for each that has no rows and is left out.
@@ -62,16 +68,43 @@ def read_recorded_drives(tables: Sequence[tuple[Path, Path]]) -> tuple[tuple[Rec
     drives, left_out = [], []
     for name, (subject_file, objects_file) in zip(_ids(tables), tables, strict=True):
         try:
-            log = read_subject_log(subject_file)
+            log = read_subject_log(subject_file, form=form)
         except EmptyLogError as error:
             left_out.append(f"drive {name} is left out: {error}")
             continue
-        offset_m = read_object_log(objects_file).relative_x_m
+        offset_m = _offset_m(log, read_object_log(objects_file, form=form))
         ahead_m, behind_m = (float(np.nanmax(side, initial=0.0)) for side in (offset_m, -offset_m))
         drives.append(RecordedDrive(name, subject_file, objects_file, log, ahead_m, behind_m))
     if not drives:
         raise CaseError("command line", "--drive", f"expected a drive with rows at least; {left_out[0]}")
     return tuple(drives), tuple(left_out)
+
+
+def put_at(drive: RecordedDrive, begin_s: float, form: LogForm) -> RecordedDrive:
+    """A drive whose first row has another time on the scenario's clock."""
+    later_s = begin_s - drive.begin_s
+    column = form.subject.get("time_s", LogColumn("time_s"))
+    log = replace(drive.log, time_s=drive.log.time_s + later_s)
+    return replace(drive, log=log, time_zero=column.zero - later_s / column.factor)
+
+
+def _offset_m(subject: SubjectLog, objects: ObjectLog) -> np.ndarray:
+    """Distances along the road, roughly, for objects with places as seen in the direction of travel."""
+    if objects.place is None:
+        return objects.relative_x_m
+    own, theirs = subject.place, objects.place
+    if own.kind == "edge" or theirs.kind != own.kind or len(subject.time_s) < 2:
+        return np.zeros(0)
+    scale = (1.0, 1.0)
+    if own.kind == "globe":
+        scale = (EARTH_RADIUS_M * math.cos(float(np.nanmedian(own.second))), EARTH_RADIUS_M)
+    known = ~own.is_missing
+    time_s = subject.time_s[known]
+    x_m, y_m = own.first[known].astype(float) * scale[0], own.second[known] * scale[1]
+    heading_rad = np.arctan2(np.gradient(y_m), np.gradient(x_m))
+    nearest = np.clip(np.searchsorted(time_s, objects.time_s), 0, len(time_s) - 1)
+    away_x_m, away_y_m = theirs.first.astype(float) * scale[0] - x_m[nearest], theirs.second * scale[1] - y_m[nearest]
+    return away_x_m * np.cos(heading_rad[nearest]) + away_y_m * np.sin(heading_rad[nearest])
 
 
 def _ids(tables: Sequence[tuple[Path, Path]]) -> list[str]:

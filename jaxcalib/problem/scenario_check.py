@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from jaxcalib.case.case import ScenarioParts, read_case, require_scenario
+from jaxcalib.case.case import Case, ScenarioParts, read_case, require_scenario
 from jaxcalib.errors import CaseError
-from jaxcalib.field.field_log import read_drives, table_faults
+from jaxcalib.field.field_log import DriveLogs, judge_without_road, read_drives, table_faults
 from jaxcalib.problem.inputs import read_scenario_of
 from jaxcalib.problem.parameter_layout import layout_of
 from jaxcalib.problem.problem import frame_interval_s
@@ -42,11 +42,48 @@ class CaseCheck:
     refusals: tuple[str, ...] = ()  # what is wrong, one line each; with any, nothing else can be done with the case
     first_run: FirstRun | None = None  # what a run of SUMO showed; None where there could be none
     groups: tuple[tuple[str, ...], ...] = ()  # of vTypes with driver parameters of their own; none where all share them
+    has_scenario: bool = True  # otherwise nothing but the logs was judged
+    case: Case | None = None  # what case.toml says
+    logs: DriveLogs | None = None  # what was read of its drives; None where the scenario could not be read
 
     @property
     def is_left_to_sumo(self) -> bool:
         """Whether a search has to run in SUMO alone."""
         return any(finding.level is Level.SUMO_ALONE for finding in self.findings)
+
+    @property
+    def lines_before(self) -> tuple[str, ...]:
+        """What was understood of the scenario, to be said before the warnings."""
+        follows = f"The surrogate follows every part of the scenario of {self.name}."
+        return (
+            *([follows] if self.has_scenario and not self.findings and not self.refusals else []),
+            *(f"input {name}: {len(flows)} flows" for name, flows in self.inputs.items()),
+            *(f"vTypes {', '.join(group)}: driver parameters of their own" for group in self.groups),
+        )
+
+    @property
+    def lines_after(self) -> tuple[str, ...]:
+        """What is to be expected, to be said after the warnings."""
+        lines = [] if self.first_run is None else [_run_line(self.first_run)]
+        where = "SUMO alone" if self.is_left_to_sumo else "the surrogate, and is confirmed in SUMO"
+        if not self.has_scenario:
+            lines.append(
+                "The case has no scenario: its logs were judged by themselves. Give [scenario] to calibrate it."
+            )
+        elif not self.refusals:
+            lines.append(f"A calibration searches in {where}.")
+        return tuple(lines)
+
+
+def _run_line(run: FirstRun) -> str:
+    if run.entered_s is None:
+        did = "has not entered"
+    elif run.arrived_s is None:
+        did = f"enters at {run.entered_s:g} s and is under way"
+    else:
+        return f"In a run of SUMO the subject vehicle enters at {run.entered_s:g} s and arrives at {run.arrived_s:g} s."
+    short = "" if run.is_whole else ", where the time for it was over"
+    return f"In a run of SUMO the subject vehicle {did} at {run.reached_s:g} s{short}."
 
 
 def check_case(folder: Path | str, *, first_run_s: float = FIRST_RUN_S) -> CaseCheck:
@@ -60,12 +97,16 @@ def check_case(folder: Path | str, *, first_run_s: float = FIRST_RUN_S) -> CaseC
         CaseError: case.toml cannot be read; one line says what.
     """
     case = read_case(folder)
+    if case.scenario is None and case.subject is None and case.behaviour is None:
+        logs = judge_without_road(case)
+        warnings, refusals = (*logs.left_out, *logs.contradictions), tuple(map(str, logs.refusals))
+        return CaseCheck(case.name, {}, (), warnings, refusals, has_scenario=False, case=case, logs=logs)
     parts = require_scenario(case)
     try:
         scenario, parts = read_scenario_of(parts)
     except ScenarioError as error:
         faults = [*(CaseError(one.file, "", one.message) for one in (error, *error.others)), *table_faults(case)]
-        return CaseCheck(case.name, {}, (), (), tuple(map(str, faults)))
+        return CaseCheck(case.name, {}, (), (), tuple(map(str, faults)), case=case)
     faults = [*model_faults(scenario, parts), *input_faults(scenario, parts)]
     groups: tuple[tuple[str, ...], ...] = ()
     try:
@@ -105,6 +146,8 @@ def check_case(folder: Path | str, *, first_run_s: float = FIRST_RUN_S) -> CaseC
         refusals=tuple(refusals),
         first_run=first_run,
         groups=groups,
+        case=case,
+        logs=logs,
     )
 
 
