@@ -91,6 +91,64 @@ def check(case: Path, /) -> int:
     return guarded(work, "nothing was changed.") or print_check(found[0])
 
 
+@app.command(name="import")
+def import_(
+    form: Literal["comma", "highd", "ngsim", "osi", "rosbag", "sumo-fcd", "trajectories"],
+    source: Path,
+    /,
+    *,
+    out: Path,
+    scenario: Path | None = None,
+    subject: Annotated[tuple[str, ...], Parameter(consume_multiple=True, negative="")] = (),
+    probes: Annotated[int, Parameter(validator=Number(gte=1, lte=1000))] = 8,
+    range_m: Annotated[float, Parameter(validator=Number(gt=0, lte=1000))] = 150.0,
+    occlusion: Annotated[bool, Parameter(negative="")] = False,
+    begin_s: Annotated[float | None, Parameter(validator=Number(gte=0, lte=1e7))] = None,
+    mapping: Path | None = None,
+    crs: str | None = None,
+) -> int:
+    """Make a case of a recording in another format, and check it.
+
+    Traffic seen from above becomes logs as chosen vehicles would have recorded them. Where the recording shows a
+    straight road and no scenario is given, one is made of it.
+
+    Parameters
+    ----------
+    form
+        Format: comma, highd, ngsim, osi, rosbag, sumo-fcd or trajectories (docs/import.md).
+    source
+        File or folder of the recording.
+    out
+        Folder for the case; it must be empty or not there yet.
+    scenario
+        SUMO configuration (.sumocfg) of the road.
+    subject
+        Ids of the vehicles that are taken for subject vehicles; chosen by the program unless given.
+    probes
+        How many are chosen in each recording.
+    range_m
+        Range of their sensors, ahead and behind.
+    occlusion
+        Vehicles that are hidden behind others are not seen.
+    begin_s
+        When the recording begins, on the scenario's clock; 600 s, or the recording's own clock if it is the scenario's.
+    mapping
+        TOML file with the names that the format leaves open: columns, topics (docs/import.md).
+    crs
+        Coordinate reference system of places, for example EPSG:2229, where the format leaves it open.
+    """
+    from jaxcalib.cli.guarded import guarded
+    from jaxcalib.importers.import_case import import_case
+    from jaxcalib.importers.importer import ImportOptions
+
+    options = ImportOptions(subject, probes, range_m, occlusion, begin_s, mapping, crs, scenario)
+
+    def work() -> str:
+        return "\n".join([*import_case(form, source, out, options), f"{out / 'case.toml'} is written."])
+
+    return guarded(work, "nothing was written.") or check(out)
+
+
 @app.command
 def new(
     case: Path,
@@ -99,6 +157,7 @@ def new(
     scenario: Path,
     drive: Annotated[tuple[tuple[Path, Path], ...], Parameter(consume_multiple=True, negative="")],
     subject: str | None = None,
+    log: Path | None = None,
 ) -> int:
     """Make a case of a SUMO scenario and logs, which stay where they are, and check it.
 
@@ -115,12 +174,14 @@ def new(
         Tables of a drive: the subject vehicle's, then the detected vehicles'. Any number of such pairs.
     subject
         Id of the subject vehicle; found, or added, unless given.
+    log
+        TOML file with section [log]: names, units and clock of the tables' columns (docs/case.md); Table 1 otherwise.
     """
     from jaxcalib.cli.guarded import guarded
     from jaxcalib.new_case.new_case import make_case
 
     def work() -> str:
-        return "\n".join([*make_case(case, scenario, drive, subject), f"{case / 'case.toml'} is written."])
+        return "\n".join([*make_case(case, scenario, drive, subject, log), f"{case / 'case.toml'} is written."])
 
     return guarded(work, "nothing was written.") or check(case)
 

@@ -1,0 +1,188 @@
+"""Logs as automated vehicles would have recorded them, had chosen vehicles of a recording been such."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import pandas as pd
+
+from jaxcalib.errors import CaseError, quote
+from jaxcalib.importers.data_frame import Frame
+from jaxcalib.importers.importer import OBJECT_COLUMNS, SUBJECT_COLUMNS, USUAL_BEGIN_S, ImportedDrive, ImportOptions
+from jaxcalib.importers.occlusion import visible_from_origin
+from jaxcalib.importers.recorded_drive import with_places
+from jaxcalib.importers.trajectories import Recording, Slice
+from sim_adapters.units import kmh_from_mps
+
+LEAST_STEP_S = 0.1  # between the rows of a probe; denser recordings are thinned
+FARTHEST_ASIDE_M = 40.0  # beyond the other carriageway nobody is looked at
+LONG_DRIVE = 0.6  # of the time that a long stay takes: shorter ones are no probes
+LONG_STAY = 90.0  # percentile
+LEAST_DRIVE_S = 5.0
+HELD_OUT_SHARE = 1 / 3
+
+
+@dataclass
+class _Stay:
+    """When a vehicle is there."""
+
+    first_s: float
+    last_s: float
+    first_m: tuple[float, float]  # where
+    driven_m: float = 0.0
+
+    @property
+    def lasts_s(self) -> float:
+        """How long."""
+        return self.last_s - self.first_s
+
+
+@dataclass
+class _Rows:
+    """What a probe has recorded so far."""
+
+    subject: list[tuple[float, ...]] = field(default_factory=list)
+    objects: list[Frame] = field(default_factory=list)
+
+
+def virtual_probes(recordings: Sequence[Recording], options: ImportOptions) -> list[ImportedDrive]:
+    """Make drives of chosen vehicles; those of the last third of the time are held out.
+
+    A recording is read twice, slice by slice, so it may be longer than memory.
+
+    Args:
+        recordings: of one road; each begins at the same time on the scenario's clock unless it has that clock.
+        options: how many vehicles are taken, or which, and what they see.
+
+    Raises:
+        CaseError: a vehicle that is asked for is not there, or nobody stays long enough.
+    """
+    drives: list[ImportedDrive] = []
+    for recording in recordings:
+        chosen = _choose(recording, options)
+        for vehicle, rows in _look_around(recording, chosen, options).items():
+            name = f"{recording.id}-{vehicle}" if len(recordings) > 1 else vehicle
+            drives.append(_drive(name, rows, recording, options))
+    if not drives:
+        raise CaseError("command line", "SOURCE", f"expected a vehicle that stays for {LEAST_DRIVE_S:g} s at least.")
+    return _with_roles(drives)
+
+
+def _thinned(recording: Recording) -> Iterator[Slice]:
+    last_s = -np.inf
+    for one in recording.slices():
+        if one.time_s - last_s >= LEAST_STEP_S - 1e-6:
+            last_s = one.time_s
+            yield one
+
+
+def _choose(recording: Recording, options: ImportOptions) -> list[str]:
+    """Vehicles that stay long, evenly over the recording's time."""
+    stays: dict[str, _Stay] = {}
+    for one in _thinned(recording):
+        for number, vehicle in enumerate(one.vehicle):
+            stay = stays.get(vehicle)
+            place_m = (float(one.x_m[number]), float(one.y_m[number]))
+            if stay is None:
+                stays[vehicle] = _Stay(one.time_s, one.time_s, place_m)
+            else:
+                stay.last_s = one.time_s
+                stay.driven_m = float(np.hypot(place_m[0] - stay.first_m[0], place_m[1] - stay.first_m[1]))
+    if options.subjects:
+        missing = [vehicle for vehicle in options.subjects if vehicle not in stays]
+        if missing:
+            some = ", ".join(list(stays)[:10])
+            expected = f"expected a vehicle of the recording, got {quote(missing[0])}; it has {len(stays)}: {some} ..."
+            raise CaseError("command line", "--subject", expected)
+        return list(options.subjects)
+    able = _able(stays, recording.has_scenario_clock)
+    places = np.unique(np.linspace(0, len(able) - 1, min(options.probes, len(able))).round().astype(int))
+    return [able[place] for place in places]
+
+
+def _able(stays: Mapping[str, _Stay], begins_empty: bool) -> list[str]:
+    """Vehicles that drive far, in the order of time: whole drives where there are any, on a road that is filled."""
+    if not stays:
+        return []
+    lasts_s = np.asarray([stay.lasts_s for stay in stays.values()])
+    driven_m = np.asarray([stay.driven_m for stay in stays.values()])
+    long_s = float(np.percentile(lasts_s, LONG_STAY))
+    is_long = lasts_s >= max(LONG_DRIVE * long_s, LEAST_DRIVE_S)
+    able = is_long & (driven_m >= LONG_DRIVE * np.percentile(driven_m, LONG_STAY))
+    first_s, last_s = (np.asarray([getattr(stay, name) for stay in stays.values()]) for name in ("first_s", "last_s"))
+    begin_s, end_s = float(first_s.min()), float(last_s.max())
+    wishes = [last_s < end_s]  # whoever is there at the end would have driven on
+    if begins_empty:
+        wishes.append(first_s >= begin_s + long_s)
+    for wished in wishes:
+        able = able & wished if np.any(able & wished) else able
+    found = [vehicle for vehicle, is_able in zip(stays, able, strict=True) if is_able]
+    return sorted(found, key=lambda vehicle: (stays[vehicle].first_s, vehicle))
+
+
+def _look_around(recording: Recording, chosen: Sequence[str], options: ImportOptions) -> dict[str, _Rows]:
+    probes = {vehicle: _Rows() for vehicle in chosen}
+    for one in _thinned(recording):
+        for number in np.flatnonzero(np.isin(one.vehicle, chosen)):
+            rows = probes[str(one.vehicle[number])]
+            rows.subject.append(
+                (
+                    one.time_s, float(one.x_m[number]), float(one.y_m[number]), float(one.heading_rad[number]),
+                    float(one.speed_mps[number]), float(one.acceleration_mps2[number]), float(one.lane[number]),
+                )
+            )  # fmt: skip
+            rows.objects.append(_seen(one, int(number), options))
+    return probes
+
+
+def _seen(one: Slice, number: int, options: ImportOptions) -> Frame:
+    away_x, away_y = one.x_m - one.x_m[number], one.y_m - one.y_m[number]
+    cos, sin = np.cos(one.heading_rad[number]), np.sin(one.heading_rad[number])
+    ahead_m, left_m = cos * away_x + sin * away_y, cos * away_y - sin * away_x
+    near = (np.hypot(away_x, away_y) <= options.range_m) & (np.abs(left_m) <= FARTHEST_ASIDE_M)
+    near[number] = False
+    if options.is_occluded:
+        rows = np.flatnonzero(near)
+        near[rows] = visible_from_origin(ahead_m[rows], left_m[rows], one.length_m[rows])
+    return pd.DataFrame(
+        {
+            "time_s": one.time_s,
+            "vehicle_id": one.vehicle[near].astype(str),
+            "x_m": one.x_m[near],
+            "y_m": one.y_m[near],
+            "speed_kmh": kmh_from_mps(one.speed_mps[near]),
+            "lane": one.lane[near],
+            "length_m": one.length_m[near],
+        }
+    )
+
+
+def _drive(name: str, rows: _Rows, recording: Recording, options: ImportOptions) -> ImportedDrive:
+    time_s, x_m, y_m, heading_rad, speed_mps, acceleration_mps2, lane = np.asarray(rows.subject).T
+    begin_s = options.begin_s if options.begin_s is not None else USUAL_BEGIN_S
+    later_s = 0.0 if recording.has_scenario_clock else begin_s
+    turn = np.gradient(np.unwrap(heading_rad), time_s) if len(time_s) > 1 else np.full(len(time_s), np.nan)
+    subject = pd.DataFrame(
+        {
+            "time_s": time_s + later_s,
+            "speed_kmh": kmh_from_mps(speed_mps),
+            "yaw_rate_radps": turn,
+            "acceleration_mps2": acceleration_mps2,
+            "lane": lane,
+            "x_m": x_m,
+            "y_m": y_m,
+        }
+    )
+    objects = pd.concat(rows.objects, ignore_index=True)
+    objects["time_s"] += later_s
+    return ImportedDrive(
+        name,
+        with_places(subject, recording.crs, SUBJECT_COLUMNS),
+        with_places(objects, recording.crs, OBJECT_COLUMNS),
+    )
+
+
+def _with_roles(drives: list[ImportedDrive]) -> list[ImportedDrive]:
+    """Hold out the last third: it meets other traffic than the drives to fit, as far as the recordings go."""
+    num_fit = len(drives) - (max(1, round(HELD_OUT_SHARE * len(drives))) if len(drives) > 1 else 0)
+    return [replace(drive, role="fit" if number < num_fit else "held_out") for number, drive in enumerate(drives)]

@@ -1,0 +1,148 @@
+"""The same traffic in every format becomes the same logs, and a case that can be calibrated."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from jaxcalib.case.case import read_case
+from jaxcalib.errors import CaseError
+from jaxcalib.importers.import_case import import_case
+from jaxcalib.importers.importer import Imported, ImportOptions
+from jaxcalib.importers.registry import load_importer
+from jaxcalib.importers.straight_road import straight_road_of, write_scenario
+from jaxcalib.problem.scenario_check import check_case
+from tests.jaxcalib.importers.recorded_traffic import (
+    LANE_M,
+    LASTS_S,
+    NUM_LANES,
+    STEP_S,
+    SUBJECT,
+    WRITERS,
+    traffic,
+)
+
+RANGE_M = 120.0
+
+
+def expected_objects() -> pd.DataFrame:
+    """Who is within range of the subject vehicle, and where: by the definition of relative places."""
+    truth = traffic()
+    own = truth[truth.vehicle == SUBJECT][["time_s", "x_m", "y_m"]]
+    others = truth[truth.vehicle != SUBJECT].merge(own, on="time_s", suffixes=("", "_own"))
+    others = others.assign(relative_x_m=others.x_m - others.x_m_own, relative_y_m=others.y_m - others.y_m_own)
+    near = np.hypot(others.relative_x_m, others.relative_y_m) <= RANGE_M
+    return others[near].sort_values(["time_s", "vehicle"], ignore_index=True)
+
+
+@pytest.fixture
+def scenario(tmp_path: Path) -> Path:
+    """A scenario of the road, for formats that need one."""
+    return write_scenario(straight_road_of(traffic()), tmp_path / "road", 900.0)
+
+
+def read(kind: str, folder: Path, scenario: Path, subjects: tuple[str, ...] | None = None) -> Imported:
+    name, write = WRITERS[kind]
+    source = write(folder)
+    if subjects is None:
+        subjects = ("veh/" + SUBJECT,) if name == "trajectories" else (SUBJECT,)
+    mapping = folder / "mapping.toml" if name == "trajectories" else None
+    config = scenario if name == "sumo-fcd" else None
+    options = ImportOptions(subjects=subjects, probes=6, range_m=RANGE_M, mapping=mapping, config=config)
+    return load_importer(name)(source, options)
+
+
+@pytest.mark.parametrize("kind", WRITERS)
+def test_the_same_logs_from_every_format(kind: str, tmp_path: Path, scenario: Path):
+    (drive,) = read(kind, tmp_path, scenario).drives
+    truth = traffic()
+    own = truth[truth.vehicle == SUBJECT].sort_values("time_s")
+    subject = drive.subject.sort_values("time_s")
+    later_s = 0.0 if kind.startswith("fcd") else 600.0
+    np.testing.assert_allclose(subject.time_s - later_s, own.time_s, atol=1e-6)
+    np.testing.assert_allclose(subject.speed_kmh, 3.6 * own.speed_mps, rtol=1e-4)
+    np.testing.assert_allclose(np.diff(subject.x_m), np.diff(own.x_m), atol=2e-3)
+    seen = drive.objects.merge(subject[["time_s", "x_m", "y_m"]], on="time_s", suffixes=("", "_own"))
+    seen = seen.assign(vehicle=seen.vehicle_id.str.removeprefix("veh/"))
+    seen = seen.sort_values(["time_s", "vehicle"], ignore_index=True)
+    expected = expected_objects()
+    assert seen.vehicle.tolist() == expected.vehicle.tolist()
+    np.testing.assert_allclose(seen.x_m - seen.x_m_own, expected.relative_x_m, atol=2e-3)
+    np.testing.assert_allclose(seen.y_m - seen.y_m_own, expected.relative_y_m, atol=2e-3)
+    np.testing.assert_allclose(seen.speed_kmh, 3.6 * expected.speed_mps, rtol=1e-4)
+    if not kind.startswith("fcd"):
+        np.testing.assert_allclose(seen.length_m, expected.length_m, atol=1e-3)
+
+
+@pytest.mark.parametrize("kind", [kind for kind in WRITERS if not kind.startswith("fcd")])
+def test_the_road_that_a_recording_shows(kind: str, tmp_path: Path, scenario: Path):
+    road = read(kind, tmp_path, scenario).road
+    assert road is not None
+    assert road.widths_m == pytest.approx([LANE_M] * NUM_LANES, abs=0.01)
+    assert road.lengths_m == pytest.approx({"car": 4.3, "truck": 12.0}, abs=0.2)
+    truth = traffic()
+    area_ms = (truth.x_m.max() - truth.x_m.min()) * (LASTS_S - STEP_S)
+    driven_m = truth.groupby("vehicle").x_m.agg(np.ptp)
+    is_truck = truth.groupby("vehicle").length_m.median() > 7.5
+    for kind_of_vehicle, mine in (("car", ~is_truck), ("truck", is_truck)):
+        flow_vehph = 3600.0 * driven_m[mine].sum() / area_ms
+        assert road.vehicles_per_hour[kind_of_vehicle] == pytest.approx(flow_vehph, rel=0.01)
+    assert road.speed_limit_mps == pytest.approx(36.11 if kind.startswith("highd") else 36.03, abs=1.0)
+
+
+@pytest.mark.parametrize("kind", ["ngsim in feet", "highd, upper carriageway", "table", "fcd, csv"])
+def test_an_imported_case_passes_the_check(kind: str, tmp_path: Path, scenario: Path):
+    name, write = WRITERS[kind]
+    source = write(tmp_path)
+    mapping = tmp_path / "mapping.toml" if name == "trajectories" else None
+    options = ImportOptions(probes=6, range_m=RANGE_M, mapping=mapping, config=scenario if "fcd" in kind else None)
+    said = import_case(name, source, tmp_path / "case", options)
+    assert any("held out" in line for line in said)
+    found = check_case(tmp_path / "case")
+    assert found.refusals == ()
+    case = read_case(tmp_path / "case")
+    assert len(case.drives_of("fit")) == 2 * len(case.drives_of("held_out"))
+    begins = {role: [drive.depart_s for drive in case.drives_of(role)] for role in ("fit", "held_out")}
+    assert max(begins["fit"]) <= min(begins["held_out"])
+
+
+def test_floating_car_data_without_its_scenario(tmp_path: Path, scenario: Path):
+    source = WRITERS["fcd, xml"][1](tmp_path)
+    with pytest.raises(CaseError, match="--scenario: expected the scenario that SUMO ran"):
+        import_case("sumo-fcd", source, tmp_path / "case", ImportOptions())
+    assert not (tmp_path / "case").exists()
+
+
+def test_a_vehicle_that_is_not_there(tmp_path: Path, scenario: Path):
+    with pytest.raises(CaseError, match='--subject: expected a vehicle of the recording, got "nobody"'):
+        read("ngsim in feet", tmp_path, scenario, ("nobody",))
+
+
+@pytest.mark.parametrize(
+    ("kind", "content", "message"),
+    [
+        ("ngsim", "a,b\n1,2\n", "expected NGSIM's columns"),
+        ("trajectories", "time_s,vehicle_id\n1,2\n", "header: expected columns x_m and y_m; or"),
+        ("trajectories", "time_s,x_m,y_m\n1,2,3\n", "column vehicle_id: expected this column"),
+        ("highd", "frame\n1\n", "expected a file NN_tracks.csv"),
+        ("comma", "frame\n1\n", "expected a table of radar tracks"),
+    ],
+)
+def test_what_is_no_such_recording_is_named(kind: str, content: str, message: str, tmp_path: Path):
+    folder = tmp_path / "recording"
+    folder.mkdir()
+    file = folder / "t.csv"
+    file.write_text(content)
+    with pytest.raises(CaseError) as error:
+        import_case(kind, file, tmp_path / "case", ImportOptions())
+    assert message in str(error.value)
+    assert not (tmp_path / "case").exists()
+
+
+def test_broken_xml_is_said_in_one_line(tmp_path: Path, scenario: Path):
+    file = tmp_path / "fcd.xml"
+    file.write_text('<fcd-export><timestep time="1"><vehicle id="a" x="1"')
+    with pytest.raises(CaseError, match=r"fcd\.xml: expected SUMO's XML"):
+        load_importer("sumo-fcd")(file, replace(ImportOptions(), config=scenario))
