@@ -329,8 +329,8 @@ def test_lanes_counted_from_the_left_are_refused(read: Callable, straight_drive:
     subject, objects = straight_drive
     assert message(read, (subject.assign(lane=3), objects)) == (
         "d01_subject.csv: row 2, column lane: expected the lane where longitude_rad and latitude_rad lie, got 3; "
-        "100% of the rows contradict so. Lanes seem to be counted from the left; 1 is to be the rightmost, unless [log] "
-        "has lanes_from."
+        "100% of the rows contradict so. Lanes seem to be counted from the left; 1 is to be the rightmost, unless "
+        "[log] has lanes_from."
     )
 
 
