@@ -266,6 +266,7 @@ def fit_following(
     from jaxcalib.cli.guarded import guarded
     from jaxcalib.cli.pair_fitting_terminal import pair_progress, print_summary
     from jaxcalib.errors import CaseError
+    from jaxcalib.pair_fitting.pair_physics import believed_pairs
     from jaxcalib.pair_fitting.recorded_pairs import read_pairs
     from jaxcalib.pair_fitting.study import study_pairs
     from jaxcalib.runs.disk import check_out, writing_to
@@ -279,8 +280,9 @@ def fit_following(
             raise CaseError("command line", "--model", f"expected a known name: {error}") from None
         check_out(out)
         recorded, dropped = read_pairs(pairs, drop_bad_pairs)
+        recorded, doubted = believed_pairs(pairs, recorded)
         with pair_progress(len(recorded)) as on_pairs:
-            study = study_pairs(entry, recorded, dropped, held_out_share, seed, on_pairs)
+            study = study_pairs(entry, recorded, [*dropped, *doubted], held_out_share, seed, on_pairs)
         with writing_to(out):
             study.write(out)
         print_summary(study, out)
