@@ -18,6 +18,7 @@ from sim_adapters.units import SECONDS_PER_HOUR
 COLUMNS: dict[str, Kind] = {"edge": "text", "begin_s": "number", "end_s": "number", "vehicles": "number"}
 DAY = "day"
 FEWEST_INTERVALS = 2
+MOST_PER_LANE_VEHPH = 3000.0  # headways of 1.2 s for the whole interval: no lane carries more
 
 
 @dataclass(frozen=True)
@@ -64,7 +65,7 @@ def read_counts(file: Path, problem: CalibrationProblem) -> FieldCounts:
     days = [table.texts[DAY][1][index] for index in table.texts[DAY][0]] if has_days else [""] * table.num_rows
     begin_s, end_s, vehicles = (table.numbers[name] for name in ("begin_s", "end_s", "vehicles"))
     known = {edge for edge, _ in problem.scenario.network.lanes}
-    duration_s = problem.parts.scenario.duration_s
+    warmup_s, duration_s = problem.parts.scenario.warmup_s, problem.parts.scenario.duration_s
     cells: dict[tuple[str, float, float], dict[str, float]] = {}
     for row, (edge, day) in enumerate(zip(edges, days, strict=True)):
         if edge not in known:
@@ -75,6 +76,18 @@ def read_counts(file: Path, problem: CalibrationProblem) -> FieldCounts:
             raise CaseError(
                 file, row_place(row, "begin_s"), f"expected 0 <= begin_s < end_s <= {duration_s:g}, the scenario's "
                 f"end; got {begin_s[row]:g} and {end_s[row]:g}.",
+            )  # fmt: skip
+        if begin_s[row] < warmup_s:
+            raise CaseError(
+                file, row_place(row, "begin_s"), f"expected intervals after the warm-up ({warmup_s:g} s), in which the "
+                f"road fills; got {begin_s[row]:g}. Leave the row out, or lower scenario.warmup_s.",
+            )  # fmt: skip
+        num_lanes = problem.scenario.network.net.getEdge(edge).getLaneNumber()
+        most = MOST_PER_LANE_VEHPH * num_lanes * (end_s[row] - begin_s[row]) / SECONDS_PER_HOUR
+        if vehicles[row] > most:
+            raise CaseError(
+                file, row_place(row, "vehicles"), f"expected at most {most:.0f}, what {num_lanes} lanes carry in "
+                f"{end_s[row] - begin_s[row]:g} s; got {vehicles[row]:g}. Are these vehicles per hour or of a day?",
             )  # fmt: skip
         if not vehicles[row] >= 0.0:
             raise CaseError(file, row_place(row, "vehicles"), f"expected 0 or more, got {vehicles[row]:g}.")

@@ -123,12 +123,12 @@ def test_a_round_with_a_failed_run_is_left_out():
 
 
 COUNTS = """edge,begin_s,end_s,vehicles,day
-in0,120,240,130,monday
-in0,240,360,140,monday
-in0,120,240,120,tuesday
-in0,240,360,150,tuesday
-in0,120,240,126,friday
-in0,240,360,144,friday
+in0,300,420,130,monday
+in0,420,540,140,monday
+in0,300,420,120,tuesday
+in0,420,540,150,tuesday
+in0,300,420,126,friday
+in0,420,540,144,friday
 m1,300,600,310,monday
 """
 
@@ -139,7 +139,7 @@ def test_counts(problem: CalibrationProblem, tmp_path: Path):
     counts = read_counts(file, problem)
     assert counts.edges == ("in0", "m1")
     assert counts.vehicles.shape == (3, 3)
-    passed = {"in0": np.asarray([100.0, 120.0, 121.0, 240.0, 240.1, 400.0]), "m1": np.asarray([300.1, 599.0])}
+    passed = {"in0": np.asarray([280.0, 300.0, 301.0, 420.0, 420.1, 580.0]), "m1": np.asarray([300.1, 599.0])}
     assert counts(passed).tolist() == [2.0, 1.0, 2.0]  # begin excluded, end included: no vehicle counts twice
     volumes = count_volumes(counts, np.asarray([[124.0, 148.0, 300.0], [128.0, 140.0, 320.0]]))
     assert volumes[0].field_vehph == pytest.approx(30 * (130 + 120 + 126) / 3)
@@ -153,7 +153,7 @@ def test_counts(problem: CalibrationProblem, tmp_path: Path):
 
 def test_one_day_of_counts_is_not_enough_for_2019(problem: CalibrationProblem, tmp_path: Path):
     file = tmp_path / "counts.csv"
-    file.write_text("edge,begin_s,end_s,vehicles\nin0,0,300,300\n")
+    file.write_text("edge,begin_s,end_s,vehicles\nin0,300,600,300\n")
     criteria = count_criteria(read_counts(file, problem), np.asarray([[310.0]]))
     assert criteria[-1].passes is None
     assert "3 days" in criteria[-1].note
@@ -162,12 +162,14 @@ def test_one_day_of_counts_is_not_enough_for_2019(problem: CalibrationProblem, t
 @pytest.mark.parametrize(
     ("row", "says"),
     [
-        ("nowhere,0,300,5,a", "row 2, column edge: expected an edge"),
+        ("nowhere,300,600,5,a", "row 2, column edge: expected an edge"),
+        ("in0,240,600,5,a", "row 2, column begin_s: expected intervals after the warm-up (300 s)"),
+        ("in0,300,600,1500,a", "row 2, column vehicles: expected at most 750, what 3 lanes carry in 300 s"),
         ("in0,300,300,5,a", "row 2, column begin_s"),
         ("in0,300,99999,5,a", "720, the scenario's end"),
-        ("in0,0,300,-5,a", "row 2, column vehicles"),
-        ("in0,0,300,,a", "row 2, column vehicles"),
-        ("in0,0,300,5,a\nin0,0,300,6,a", "row 3: expected edge"),
+        ("in0,300,600,-5,a", "row 2, column vehicles"),
+        ("in0,300,600,,a", "row 2, column vehicles"),
+        ("in0,300,600,5,a\nin0,300,600,6,a", "row 3: expected edge"),
         ("", "at least one row"),
     ],
 )
