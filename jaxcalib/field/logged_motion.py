@@ -36,6 +36,7 @@ def logged_motion(
         relative_x_m=object_log.relative_x_m,
         relative_y_m=object_log.relative_y_m,
         object_speed_mps=object_log.speed_mps,
+        speed_limit_mps=subject_log.speed_limit_mps[row],
     )
 
 

@@ -20,11 +20,11 @@ from jaxcalib.measures.observed_road import ObservedRoad, observe_road
 from jaxcalib.measures.registry import all_folds, all_measures
 from jaxcalib.measures.scene import MeasureSettings
 from jaxcalib.measures.whole_drive import WholeDriveFold
+from jaxcalib.problem.drive_warnings import coverage_warnings, departure_warnings
 from jaxcalib.problem.inputs import read_scenario_of
 from jaxcalib.problem.parameter_layout import layout_of
 from jaxcalib.problem.problem_checks import (
     clock_faults,
-    coverage_warnings,
     drive_faults,
     input_faults,
     model_faults,
@@ -112,6 +112,7 @@ class CalibrationProblem:
             )
         own += self.log_warnings
         own += replay_warnings(self.case) if self.parts.subject.model.name == REPLAY else []
+        own += departure_warnings(self.case, self.drives)
         own += coverage_warnings(self.drives, self.scenario.network.length_m)
         return (
             *own,

@@ -12,7 +12,6 @@ from sim_adapters.interface import ParameterLayout
 from sim_adapters.scenario.scenario import Scenario
 
 LEAST_STEP_S, MOST_STEP_S = 0.05, 1.0
-LEAST_COVERED = 0.8  # of the route, by a drive that counts as a whole one without a warning
 
 
 def clock_faults(scenario: Scenario, parts: ScenarioParts, case: Case) -> list[CaseError]:
@@ -133,16 +132,3 @@ def replay_warnings(case: Case) -> list[str]:
         "run's seed: how the subject vehicle moved in held-out drives enters the search. Let them depart at times of "
         "their own."
     ]
-
-
-def coverage_warnings(drives: Sequence[DriveLog], length_m: float) -> list[str]:
-    """Return one line for each log that covers only a part of the route."""
-    lines = []
-    for drive in drives:
-        covered_m = float(np.ptp(drive.subject.position_m))
-        if covered_m < LEAST_COVERED * length_m:
-            lines.append(
-                f"drive {drive.id}: the log covers {covered_m:.0f} of {length_m:.0f} m of the route; counts per drive "
-                "and the travel time take it for a whole drive."
-            )
-    return lines

@@ -33,6 +33,7 @@ class DriveMotion:
     relative_x_m: Float[np.ndarray, " row"]
     relative_y_m: Float[np.ndarray, " row"]
     object_speed_mps: Float[np.ndarray, " row"]
+    speed_limit_mps: Float[np.ndarray, " instant"] | None = None  # legal limit as logged; None where nobody asked
 
     def without(self, rows: np.ndarray) -> "DriveMotion":
         """The drive less some of its objects' rows."""

@@ -27,6 +27,7 @@ LEAST_EXPLAINED = 0.6  # of the turns of the road, by yaw rates that are one by 
 LEAST_DRIVEN_M = 200.0  # in all windows; who stands still contradicts nothing
 LEAST_SPEED_CHANGE_MPS = 0.3  # typical change in a window that accelerations can be judged by
 LEAST_TURN_RAD = 0.005  # the same of the route's turn
+FAST, MOST_FAST = 1.5, 0.5  # times the limit, and share of the rows: nobody drives so for long
 LEAST_LATERAL_M = 0.7  # from where the lanes are, of all places
 WIDEST_M = 1.6  # beyond it places lie in another lane
 
@@ -43,7 +44,7 @@ def subject_contradictions(motions: Sequence[DriveMotion], windows: Sequence[Sub
         alone = [one for motion, own in zip(motions, windows, strict=True) for one in judge(own, motion)]
         found += merged(alone) or _of_all(judge(_together(windows), motions[0]) if motions else [], motions)
     found += _judge_lateral(motions)
-    return found
+    return found + merged([one for motion in motions for one in _judge_limit(motion)])
 
 
 def _of_all(contradictions: Sequence[Contradiction], motions: Sequence[DriveMotion]) -> list[Contradiction]:
@@ -111,6 +112,20 @@ def _judge_displacement(windows: SubjectWindows, motion: DriveMotion) -> list[Co
         words = f"speeds come {abs(late_s):.2f} s {way} the places to which they belong; are both on one clock?"
         note("speed_delay", words, is_refused=abs(late_s) > REFUSED_LATE_S, column="speed_kmh and places")
     return found
+
+
+def _judge_limit(motion: DriveMotion) -> list[Contradiction]:
+    """Speeds against the legal limit that the log names: a limit that all exceed by half is of another unit."""
+    if motion.speed_limit_mps is None:
+        return []
+    known = np.isfinite(motion.speed_limit_mps) & (motion.speed_limit_mps > 0.0)
+    if known.mean() < 0.5:
+        return []
+    ratio = motion.speed_mps[known] / motion.speed_limit_mps[known]
+    if float(np.mean(ratio > FAST)) < MOST_FAST:
+        return []
+    words = f"speeds are {np.median(ratio):.1f} times the log's speed_limit_kmh; one of the two is in another unit."
+    return [Contradiction("speed_limit", motion.subject_file, "speed_limit_kmh", words, (motion.id,), is_refused=False)]
 
 
 def _judge_acceleration(windows: SubjectWindows, motion: DriveMotion) -> list[Contradiction]:

@@ -107,3 +107,12 @@ def test_one_recording_is_no_two_drives():
     (found,) = judged([drive(1), drive(2), held_out])
     assert found.is_refused
     assert "the same recording as drive d01, which has the other role" in str(found)
+
+
+def test_a_limit_of_another_unit_is_told():
+    fast = drive(0)
+    limit_mps = np.full(len(fast.time_s), 1.1 * float(fast.speed_mps.max()))
+    assert judged([replace(fast, speed_limit_mps=limit_mps)]) == []
+    (found,) = judged([replace(fast, speed_limit_mps=limit_mps / 3.6)])
+    assert (found.kind, found.is_refused) == ("speed_limit", False)
+    assert "another unit" in found.words

@@ -1,0 +1,48 @@
+"""What a user should know of drives on their road: how much of it they cover, and whether clock and places agree."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from jaxcalib.case.case import Case
+from jaxcalib.field.field_log import DriveLog
+
+LEAST_COVERED = 0.8  # of the route, by a drive that counts as a whole one without a warning
+LEAST_OFF_S, LEAST_OFF = 60.0, 0.5  # between clock and way, in seconds and of the time that the way takes
+SLOWEST_MPS = 3.0  # a log that begins in a jam says little of how long the way to there took
+
+
+def coverage_warnings(drives: Sequence[DriveLog], length_m: float) -> list[str]:
+    """Return one line for each log that covers only a part of the route."""
+    lines = []
+    for drive in drives:
+        covered_m = float(np.ptp(drive.subject.position_m))
+        if covered_m < LEAST_COVERED * length_m:
+            lines.append(
+                f"drive {drive.id}: the log covers {covered_m:.0f} of {length_m:.0f} m of the route; counts per drive "
+                "and the travel time take it for a whole drive."
+            )
+    return lines
+
+
+def departure_warnings(case: Case, drives: Sequence[DriveLog]) -> list[str]:
+    """Return one line for each drive whose log begins where the vehicle cannot be at that time after its departure.
+
+    Args:
+        case: says when it departs.
+        drives: its drives.
+    """
+    depart_s = {drive.id: drive.depart_s for drive in case.drives}
+    lines = []
+    for drive in drives:
+        begin_s, begin_m = float(drive.subject.time_s[0]), float(drive.subject.position_m[0])
+        speed_mps = float(np.nanmedian(drive.subject.speed_mps))
+        if speed_mps < SLOWEST_MPS:
+            continue
+        took_s, takes_s = begin_s - depart_s[drive.id], begin_m / speed_mps
+        if abs(took_s - takes_s) > max(LEAST_OFF_S, LEAST_OFF * takes_s):
+            lines.append(
+                f"drive {drive.id}: the log begins {took_s:.0f} s after depart_s at {begin_m:.0f} m of the route, to "
+                f"where it takes about {takes_s:.0f} s; is depart_s right, and is the log on the scenario's clock?"
+            )
+    return lines

@@ -1,0 +1,42 @@
+"""What is said of drives whose log and departure do not go together."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from jaxcalib.problem.drive_warnings import coverage_warnings, departure_warnings
+
+
+def drive(begin_s: float, begin_m: float, speed_mps: float = 25.0) -> Any:
+    time_s = begin_s + np.arange(0.0, 60.0, 0.5)
+    subject = SimpleNamespace(
+        time_s=time_s, position_m=begin_m + speed_mps * (time_s - begin_s), speed_mps=np.full(len(time_s), speed_mps)
+    )
+    return SimpleNamespace(id="d01", subject=subject)
+
+
+CASE: Any = SimpleNamespace(drives=(SimpleNamespace(id="d01", depart_s=600.0),))
+
+
+@pytest.mark.parametrize(("begin_s", "begin_m"), [(600.0, 0.0), (601.0, 30.0), (650.0, 40.0), (720.0, 2500.0)])
+def test_logs_that_begin_where_the_vehicle_can_be_are_no_news(begin_s: float, begin_m: float):
+    assert departure_warnings(CASE, [drive(begin_s, begin_m)]) == []
+
+
+@pytest.mark.parametrize(("begin_s", "begin_m"), [(600.0, 4000.0), (690.0, 0.0), (4200.0, 100.0)])
+def test_a_clock_that_is_another_shows(begin_s: float, begin_m: float):
+    (line,) = departure_warnings(CASE, [drive(begin_s, begin_m)])
+    assert line.startswith(f"drive d01: the log begins {begin_s - 600.0:.0f} s after depart_s at {begin_m:.0f} m")
+    assert "scenario's clock?" in line
+
+
+def test_who_crawls_says_nothing_of_the_way():
+    assert departure_warnings(CASE, [drive(900.0, 100.0, 1.0)]) == []
+
+
+def test_a_part_of_the_route_is_told():
+    (line,) = coverage_warnings([drive(600.0, 0.0)], 3000.0)
+    assert "covers 1488 of 3000 m" in line
+    assert coverage_warnings([drive(600.0, 0.0)], 1600.0) == []
