@@ -8,7 +8,8 @@ from jaxcalib.case.case import Case
 from jaxcalib.field.field_log import DriveLog
 
 LEAST_COVERED = 0.8  # of the route, by a drive that counts as a whole one without a warning
-LEAST_OFF_S, LEAST_OFF = 60.0, 0.5  # between clock and way, in seconds and of the time that the way takes
+# Between clock and way, in seconds and of the time that the way takes: who departs may wait before a full entrance.
+LEAST_OFF_S, LEAST_OFF = 120.0, 0.5
 SLOWEST_MPS = 3.0  # a log that begins in a jam says little of how long the way to there took
 
 

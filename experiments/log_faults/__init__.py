@@ -1,0 +1,1 @@
+"""Faults put into good logs, one at a time: which are found, and whether the cause is named."""
