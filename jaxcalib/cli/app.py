@@ -8,6 +8,7 @@ from cyclopts import App, Parameter
 from cyclopts.validators import Number
 
 from jaxcalib.cli.compilation_cache import keep_compiled_programs
+from jaxcalib.importers.registry import IMPORTERS
 
 app = App(name="jaxcalib", help="Calibrate SUMO traffic around automated vehicles from their logs.")
 
@@ -68,17 +69,20 @@ def calibrate(
 
 
 @app.command
-def check(case: Path, /) -> int:
+def check(case: Path, /, *, out: Path | None = None) -> int:
     """Say how well the surrogate can follow a case's scenario, part by part, before any long work.
 
-    Parts that it cannot follow are left to SUMO alone: calibrate then searches in SUMO.
+    Parts that it cannot follow are left to SUMO alone: calibrate then searches in SUMO. Leaves a page that shows what
+    was understood of the logs.
 
     Parameters
     ----------
     case
         Folder with case.toml, the SUMO scenario and the logs.
+    out
+        The page to write; CASE/check.html unless given.
     """
-    from jaxcalib.cli.check_table import print_check
+    from jaxcalib.cli.check_table import leave_page, print_check
     from jaxcalib.cli.guarded import guarded
     from jaxcalib.problem.scenario_check import CaseCheck, check_case
 
@@ -88,12 +92,15 @@ def check(case: Path, /) -> int:
         found.append(check_case(case))
         return ""
 
-    return guarded(work, "nothing was changed.") or print_check(found[0])
+    if code := guarded(work, "nothing was changed."):
+        return code
+    code, page = print_check(found[0]), out or case / "check.html"
+    return guarded(lambda: leave_page(found[0], page), "no figure was written.") or code
 
 
 @app.command(name="import")
 def import_(
-    form: Literal["comma", "highd", "ngsim", "osi", "rosbag", "sumo-fcd", "trajectories"],
+    form: Literal[tuple(IMPORTERS)],  # pyright: ignore[reportInvalidTypeForm]
     source: Path,
     /,
     *,
@@ -115,7 +122,7 @@ def import_(
     Parameters
     ----------
     form
-        Format: comma, highd, ngsim, osi, rosbag, sumo-fcd or trajectories (docs/import.md).
+        Format of the recording (docs/import.md).
     source
         File or folder of the recording.
     out

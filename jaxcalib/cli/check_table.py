@@ -1,11 +1,14 @@
 """What `jaxcalib check` prints."""
 
 import sys
+from pathlib import Path
 
 from rich.console import Console
 from rich.table import Table
 
 from jaxcalib.cli.guarded import EXIT_CASE_WRONG
+from jaxcalib.errors import CaseError, ResourceError
+from jaxcalib.problem.check_page import write_check_page
 from jaxcalib.problem.scenario_check import CaseCheck
 
 WIDTH = 120
@@ -33,3 +36,13 @@ def print_check(check: CaseCheck) -> int:
     for line in check.refusals:
         print(f"jaxcalib: {line}", file=sys.stderr)
     return EXIT_CASE_WRONG if check.refusals else 0
+
+
+def leave_page(check: CaseCheck, file: Path) -> str:
+    """Write the page, and return the line that says where; one that cannot be written is said on standard error."""
+    try:
+        write_check_page(check, file)
+    except (CaseError, ResourceError) as error:
+        print(f"jaxcalib: no figure: {error}", file=sys.stderr)
+        return ""
+    return f"figure: {file}"

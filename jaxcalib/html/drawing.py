@@ -40,7 +40,12 @@ def svg_grid(
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(width_in, height_in), layout="constrained")
         draw(figure.subplots(num_rows, num_columns, squeeze=False).tolist())
-        stream = io.StringIO()
-        figure.savefig(stream, format="svg", metadata={"Date": None, "Creator": None})
+        return svg_text(figure)
+
+
+def svg_text(figure: Figure) -> str:
+    """A figure as an <svg> element, the same for the same figure."""
+    stream = io.StringIO()
+    figure.savefig(stream, format="svg", metadata={"Date": None, "Creator": None})
     text = re.sub(r"\s*<metadata>.*?</metadata>", "", stream.getvalue(), flags=re.DOTALL)
     return text[text.index("<svg") :]

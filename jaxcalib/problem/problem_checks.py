@@ -2,8 +2,6 @@
 
 from collections.abc import Sequence
 
-import numpy as np
-
 from jaxcalib.case.case import ROLES, Case, ScenarioParts
 from jaxcalib.case.case_file import FILE_NAME
 from jaxcalib.errors import CaseError, quote, shorten

@@ -101,7 +101,7 @@ def test_what_sumo_refuses_comes_with_what_the_logs_lack(folder: Path, capsys: p
     assert "SUMO refuses the scenario: Invalid repetition probability in the definition of flow 'f_main_o1'." in first
     assert "between 0 and 1" in first
     assert "d01_objects.csv.gz: column lane" in second
-    assert captured.out == ""
+    assert captured.out.splitlines() == [f"figure: {folder / 'check.html'}"]
 
 
 EGO = 'route="r_ego" depart="300" departLane="best" departPos="last" departSpeed="avg"'
