@@ -71,12 +71,3 @@ class ReadRecording(Protocol):
             CaseError: it cannot be read, or something in it is not what the format promises.
         """
         ...
-
-
-@dataclass(frozen=True)
-class ImporterEntry:
-    """A format."""
-
-    words: str  # what it is, in one line
-    module: str  # file of this package that reads it: it has a `read_recording`
-    extra: str = ""  # name of the optional dependencies that it needs

@@ -2,9 +2,23 @@
 
 import importlib
 from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from jaxcalib.errors import CaseError
-from jaxcalib.importers.importer import ImporterEntry, ReadRecording
+
+if TYPE_CHECKING:  # the command line reads the list below at each start, and need not wait for pandas
+    from jaxcalib.importers.importer import ReadRecording
+
+
+@dataclass(frozen=True)
+class ImporterEntry:
+    """A format."""
+
+    words: str  # what it is, in one line
+    module: str  # file of this package that reads it: it has a `read_recording`
+    extra: str = ""  # name of the optional dependencies that it needs
+
 
 IMPORTERS: Mapping[str, ImporterEntry] = {
     "comma": ImporterEntry("openpilot's car state, radar tracks and location, as CSV or Parquet", "comma"),
@@ -17,7 +31,7 @@ IMPORTERS: Mapping[str, ImporterEntry] = {
 }
 
 
-def load_importer(name: str) -> ReadRecording:
+def load_importer(name: str) -> "ReadRecording":
     """Return the function that reads recordings of a format.
 
     Raises:
