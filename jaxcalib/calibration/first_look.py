@@ -81,16 +81,16 @@ class FirstLook:
         problem, sumo, plan = self._problem, self._sumo, self._plan
         num_sumo_runs = sumo.rounds_of(plan.confirmation_runs)
         if self._surrogate is None or not len(in_scenario):
-            return successful_tallies(sumo, values, num_sumo_runs)
+            return successful_tallies(problem, sumo, values, num_sumo_runs)
         num_runs = self._surrogate.rounds_of(plan.noise_runs // 2)
         as_it_is = round_values(problem.template.base_values())
-        ours = successful_tallies(self._surrogate, as_it_is, num_runs)
+        ours = successful_tallies(problem, self._surrogate, as_it_is, num_runs)
         first = compare_sections(problem, ours.sum(axis=0), in_scenario, IN_SCENARIO)
         self.agreements.append(first)
-        ours = successful_tallies(self._surrogate, values, num_runs)
+        ours = successful_tallies(problem, self._surrogate, values, num_runs)
         if first.holds:
             return ours
-        theirs = successful_tallies(sumo, values, num_sumo_runs)
+        theirs = successful_tallies(problem, sumo, values, num_sumo_runs)
         if not len(theirs):
             self.agrees = False
             return theirs
@@ -104,10 +104,12 @@ class FirstLook:
         return theirs
 
 
-def successful_tallies(evaluator: Evaluator, values: Float[np.ndarray, " parameter"], num_runs: int) -> Tallies:
+def successful_tallies(
+    problem: CalibrationProblem, evaluator: Evaluator, values: Float[np.ndarray, " parameter"], num_runs: int
+) -> Tallies:
     """Tallies of a candidate's runs that succeeded; none where all fail: such a simulator agrees with nobody."""
     try:
         runs = evaluator.evaluate(values[None], num_runs, NOISE_OFFSET).tally[0]
     except AllRunsFailedError:
-        return np.zeros((0, 1))
+        return np.zeros((0, len(problem.tally_names)))
     return runs[np.isfinite(runs).all(axis=1)]
