@@ -14,20 +14,17 @@ from jaxcalib.calibration.confirmation.agreement import Agreement, compare_secti
 from jaxcalib.calibration.confirmation.confirmation import Confirmation, Finals, confirm
 from jaxcalib.calibration.confirmation.final_errors import FinalRuns
 from jaxcalib.calibration.confirmation.search_on import search_on_in_sumo
-from jaxcalib.calibration.scenario_runs import scenario_warnings
+from jaxcalib.calibration.first_look import FirstLook
 from jaxcalib.calibration.stages.budget import Budget, in_sumo_alone, plan_budget
-from jaxcalib.calibration.stages.evaluator import AllRunsFailedError, Evaluator
+from jaxcalib.calibration.stages.evaluator import Evaluator
 from jaxcalib.calibration.stages.two_stage import TwoStageResult, search_two_stages
 from jaxcalib.initial_values.initial_point import InitialPoint, find_initial_point, without_driver_logs
-from jaxcalib.problem.parameter_space import round_values
 from jaxcalib.problem.problem import CalibrationProblem
 from jaxcalib.problem.settings import Settings
 from jaxcalib.runs.journal import JournaledSumo, JournaledSurrogate
-from jaxcalib.runs.seeds import CONFIRMATION_SEED, NOISE_OFFSET, SEARCH_SEED
+from jaxcalib.runs.seeds import CONFIRMATION_SEED, SEARCH_SEED
 from jaxcalib.runs.session import Session
 from sim_adapters.jax.simulator import JaxSimulator
-
-AGREEMENT = "agreement"  # the surrogate's runs with the scenario's values, for the times
 
 
 def plan_calibration(problem: CalibrationProblem, settings: Settings, scale: float, *, in_sumo: bool = False) -> Budget:
@@ -86,44 +83,34 @@ def search_values(
     """
     in_sumo = _sumo_evaluator(problem, sumo, session, SEARCH_SEED)
     surrogate = None if engine is None else _surrogate_evaluator(problem, engine, session)
-    agreements: list[Agreement] = []
-    warnings: list[str] = []
+    look = FirstLook(problem, surrogate, in_sumo, plan, session, scenario_runs)
     with ThreadPoolExecutor(1) as thread:
         compiled = thread.submit(engine.prepare if engine else lambda: None)  # meanwhile the logs are fitted
 
-        def tallies_in_scenario() -> Float[np.ndarray, "run tally"]:
-            runs = scenario_runs()
-            warnings.extend(scenario_warnings(runs))
-            session.progress.notes(warnings)
+        def tallies_with(values: Float[np.ndarray, " parameter"]) -> Float[np.ndarray, "run tally"]:
             compiled.result()
-            if surrogate is None or not len(runs.tally):
-                return runs.tally
-            with session.stopwatch.time(AGREEMENT):
-                ours = _tallies_in_scenario(problem, surrogate, plan)
-            agreement = compare_sections(problem, ours.sum(axis=0), runs.tally, "at the scenario's values")
-            agreements.append(agreement)
-            # where both drive alike, many runs of the surrogate say what drives see with less chance than few of SUMO
-            return ours if agreement.holds else runs.tally
+            return look.tallies_with(values)
 
         session.progress.stage("initial_values")
         with session.stopwatch.time("initial_values"):
-            initial = find_initial_point(
-                problem, settings.scaling_factor, settings.bounds, session.seed, tallies_in_scenario
-            )
+            initial = find_initial_point(problem, settings.scaling_factor, settings.bounds, session.seed, tallies_with)
             if "logs" in settings.without:
                 initial = without_driver_logs(initial)
-    is_in_sumo = surrogate is None
-    if may_leave_surrogate and agreements and not agreements[0].holds:
-        session.progress.notes([f"{agreements[0]}; so SUMO makes the search's runs."])
-        is_in_sumo, plan = True, in_sumo_alone(plan, problem, plan.scale)
+    agreements = look.agreements
+    is_in_sumo = surrogate is None or (may_leave_surrogate and not look.agrees)
+    if is_in_sumo and surrogate is not None:
+        plan = in_sumo_alone(plan, problem, plan.scale)
         session.progress.plan(plan.num_surrogate_runs, plan.num_sumo_runs)
+    if any(not agreement.holds for agreement in agreements):
+        where = "so SUMO makes the search's runs" if is_in_sumo else "so the search stays in the surrogate"
+        session.progress.notes([*map(str, agreements[:-1]), f"{agreements[-1]}; {where}."])
     evaluator = in_sumo if is_in_sumo or surrogate is None else surrogate
     found = search_two_stages(problem, initial, evaluator, settings, plan, session)
     confirming = _sumo_evaluator(problem, sumo, session, CONFIRMATION_SEED)
     with session.stopwatch.time("confirmation"):
         confirmation = confirm(found, initial, evaluator, confirming, plan, session)
         if not is_in_sumo:
-            agreement = _agreement_of_result(problem, confirmation)
+            agreement = _agreement_of_result(problem, confirmation, look.learnt)
             agreements.append(agreement)
             if may_leave_surrogate and not agreement.holds:
                 session.progress.notes([f"{agreement}; so the search goes on in SUMO."])
@@ -139,7 +126,7 @@ def search_values(
         is_in_sumo=is_in_sumo,
         num_surrogate_runs=surrogate.num_runs if surrogate else 0,
         num_sumo_search_runs=in_sumo.num_runs,
-        warnings=tuple(warnings),
+        warnings=tuple(look.warnings),
     )
 
 
@@ -162,20 +149,11 @@ def _surrogate_evaluator(problem: CalibrationProblem, engine: JaxSimulator, sess
     )
 
 
-def _tallies_in_scenario(
-    problem: CalibrationProblem, evaluator: Evaluator, plan: Budget
-) -> Float[np.ndarray, "run tally"]:
-    """Tallies of the surrogate's successful runs with the scenario's values; none where all fail."""
-    values = round_values(problem.template.base_values())
-    try:
-        runs = evaluator.evaluate(values[None], evaluator.rounds_of(plan.noise_runs // 2), NOISE_OFFSET).tally[0]
-    except AllRunsFailedError:  # a surrogate that cannot drive there drives unlike SUMO
-        return np.zeros((0, len(problem.tally_names)))
-    return runs[np.isfinite(runs).all(axis=1)]
-
-
-def _agreement_of_result(problem: CalibrationProblem, confirmation: Confirmation) -> Agreement:
-    """Compare both simulators at the values that the search found."""
+def _agreement_of_result(
+    problem: CalibrationProblem, confirmation: Confirmation, learnt: Agreement | None
+) -> Agreement:
+    """Compare both simulators at the values that the search found, the surrogate corrected where it has to be."""
     in_surrogate = confirmation.confirmed[confirmation.winner].surrogate
     in_sumo = confirmation.finalists[confirmation.winner].tallies
-    return compare_sections(problem, in_surrogate, in_sumo, "at the values found")
+    where = "at the values found" + (", corrected by what the scenario's values showed" if learnt else "")
+    return compare_sections(problem, in_surrogate, in_sumo, where, learnt)

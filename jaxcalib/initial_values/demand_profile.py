@@ -51,15 +51,15 @@ def estimate_demand(
     """Estimate the inputs from the volume on each section.
 
     A drive does not see the demand itself: it counts itself, gathers others behind it, looks at its own hours only, and
-    sees of a full entrance what the lanes carry. Where SUMO has driven the same drives through the scenario as it is,
-    whose demand is known, the field is compared with what they saw there, which all of that is in.
+    sees of a full entrance what the lanes carry. Where the same drives have been simulated at the scenario's demand,
+    which is known, the field is compared with what they saw there, which all of that is in.
 
     Args:
         scenario: for routes and places.
         template: for the inputs and their flows.
         road: the sections.
         field: volumes that the field's drives show.
-        in_scenario: volumes that simulated drives show in the scenario as it is; what the demand would be without any
+        in_scenario: volumes that simulated drives show at the scenario's demand; what the demand would be without any
             drive, where None.
         observed_s: begin and end of each of the field's drives on the scenario's clock: what comes at another time is
             not seen. All of it is where there are none.

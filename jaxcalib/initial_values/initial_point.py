@@ -37,7 +37,9 @@ def find_initial_point(
     scaling_factor: float,
     bounds: Mapping[str, tuple[float, float]],
     seed: int,
-    in_scenario: Callable[[], Float[np.ndarray, "run tally"] | None] = lambda: None,
+    in_scenario: Callable[[Float[np.ndarray, " parameter"]], Float[np.ndarray, "run tally"] | None] = lambda values: (
+        None
+    ),
 ) -> InitialPoint:
     """Initial point of a problem.
 
@@ -46,8 +48,9 @@ def find_initial_point(
         scaling_factor: delta of Eqs. 5 and 6: how far inputs may leave their initial values.
         bounds: the user's bounds, by name.
         seed: of random starts.
-        in_scenario: waits for tallies of the drives to fit in the scenario as it is, see `estimate_demand`; called once
-            the drivers are fitted.
+        in_scenario: returns tallies of the drives to fit at the scenario's demand, see `estimate_demand`, for values of
+            all parameters: the scenario's inputs with the drivers that the logs show. With the scenario's own drivers a
+            road may jam that does not with real ones, and what it then lacks would be taken for missing demand.
 
     Raises:
         CaseError: bounds are wrong.
@@ -70,7 +73,8 @@ def find_initial_point(
         seed,
     )
     drivers = drivers_of_all_groups(drivers, problem.scenario, around_scenario, behaviour)
-    demand = demand_from_logs(problem, in_scenario())
+    known = round_values(np.concatenate([scenario_values[: layout.num_inputs], drivers.values]))
+    demand = demand_from_logs(problem, in_scenario(known))
     space = space_around(np.minimum(demand.values_vehph, problem.template.most_demand_vehph))
     for number, most_vehph in enumerate(problem.template.most_demand_vehph):
         bounds_vehph = space.ranges[number]
@@ -115,8 +119,7 @@ def demand_from_logs(
 
     Args:
         problem: the problem.
-        in_scenario: tallies of the same drives in the scenario as it is, whose demand is known; None where there are
-            none.
+        in_scenario: tallies of the same drives at the scenario's demand, which is known; None where there are none.
     """
     scenario_volume = None if in_scenario is None or not len(in_scenario) else section_volumes(problem, in_scenario)
     field_volume = section_volumes(problem, problem.field_of("fit"))

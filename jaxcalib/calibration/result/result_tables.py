@@ -13,6 +13,7 @@ from jaxcalib.calibration.confirmation.final_errors import (
     runs_of_role,
 )
 from jaxcalib.calibration.confirmation.transfer import transfer_of
+from jaxcalib.calibration.first_look import AGREEMENT
 from jaxcalib.calibration.record import CalibrationRecord
 from jaxcalib.calibration.result.error_tables import (
     change_table,
@@ -25,7 +26,6 @@ from jaxcalib.calibration.result.simulation_health import health_of, unfinished_
 from jaxcalib.calibration.result.uncertainty import parameter_errors
 from jaxcalib.calibration.stages.evaluator import Evaluations
 from jaxcalib.calibration.stages.screening import Screening
-from jaxcalib.calibration.value_search import AGREEMENT
 from jaxcalib.case.case import ROLES, Role
 from jaxcalib.measures.measure import MeasureValue
 from jaxcalib.runs.run_folder import LIBRARIES

@@ -10,8 +10,7 @@ import pytest
 from jaxcalib.calibration import scenario_runs
 from jaxcalib.calibration.confirmation.final_errors import FinalRuns
 from jaxcalib.calibration.scenario_runs import scenario_warnings, start_scenario_runs
-from jaxcalib.calibration.stages.evaluator import AllRunsFailedError, Evaluator
-from jaxcalib.calibration.value_search import _tallies_in_scenario
+from jaxcalib.calibration.stages.evaluator import AllRunsFailedError
 from sim_adapters.interface import RunOutcome, RunRequest, Status
 
 OUTCOME = RunOutcome(RunRequest((1.0,), 3, 60.0), Status.OK, np.ones(4), np.asarray([100, 20]), np.asarray([99, 20]), 0)
@@ -63,12 +62,3 @@ def test_a_scenario_of_which_no_run_succeeds_is_refused_with_sumo_s_last_words(m
     with pytest.raises(AllRunsFailedError, match="cannot run the scenario as it is: all 2 runs failed") as error:
         wait()
     assert error.value.log_tail == "a word"
-
-
-@pytest.mark.parametrize(("status", "num_tallies"), [(Status.OK, 2), (Status.OVERFULL, 0)])
-def test_a_surrogate_that_fails_in_the_scenario_leaves_it_to_sumo(status: Status, num_tallies: int) -> None:
-    """It ends no calibration that SUMO can make: without a tally no section is alike."""
-    outcome = replace(OUTCOME, status=status, observed=np.ones(4) if status.is_ok else None)
-    simulator: Any = SimpleNamespace(run=lambda requests: [replace(outcome, request=request) for request in requests])
-    tallies = _tallies_in_scenario(PROBLEM, Evaluator(simulator, (60.0,), 1), PLAN)
-    assert tallies.shape == (num_tallies, 4)

@@ -1,0 +1,115 @@
+"""What both simulators show at the scenario's demand before any search: whether they agree, and what drives see there.
+
+They are compared twice: at the scenario's own values, and with the drivers that the logs show, where the search begins.
+Where they agree at neither, it is tried whether their difference is the same at both, for then it can be corrected.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+from jaxtyping import Float
+
+from jaxcalib.calibration.confirmation.agreement import Agreement, compare_sections
+from jaxcalib.calibration.confirmation.final_errors import FinalRuns
+from jaxcalib.calibration.scenario_runs import scenario_warnings
+from jaxcalib.calibration.stages.budget import Budget
+from jaxcalib.calibration.stages.evaluator import AllRunsFailedError, Evaluator
+from jaxcalib.problem.parameter_space import round_values
+from jaxcalib.problem.problem import CalibrationProblem
+from jaxcalib.runs.seeds import NOISE_OFFSET
+from jaxcalib.runs.session import Session
+
+AGREEMENT = "agreement"  # these runs, for the times
+IN_SCENARIO = "at the scenario's values"
+WITH_LOGGED_DRIVERS = "at the scenario's demand with the logs' drivers"
+
+Tallies = Float[np.ndarray, "run tally"]
+
+
+class FirstLook:
+    """Runs at the scenario's demand.
+
+    Attributes:
+        agreements: surrogate against SUMO, in the order in which they were compared.
+        learnt: the comparison by which the surrogate has to be corrected; None where it need not be.
+        agrees: whether the surrogate may make the search's runs.
+        warnings: what a user should know of the scenario's runs, one line each.
+    """
+
+    def __init__(
+        self,
+        problem: CalibrationProblem,
+        surrogate: Evaluator | None,
+        sumo: Evaluator,
+        plan: Budget,
+        session: Session,
+        scenario_runs: Callable[[], FinalRuns],
+    ) -> None:
+        """Keep what is needed for the runs.
+
+        Args:
+            problem: the problem.
+            surrogate: on the drives to fit; None where SUMO makes the search's runs.
+            sumo: the same.
+            plan: numbers of runs.
+            session: is told of the runs and their time.
+            scenario_runs: waits for SUMO's runs of the scenario as it is.
+        """
+        self._problem, self._surrogate, self._sumo = problem, surrogate, sumo
+        self._plan, self._session, self._scenario_runs = plan, session, scenario_runs
+        self.agreements: list[Agreement] = []
+        self.learnt: Agreement | None = None
+        self.agrees = surrogate is not None
+        self.warnings: list[str] = []
+
+    def tallies_with(self, values: Float[np.ndarray, " parameter"]) -> Tallies:
+        """What the drives to fit see at the scenario's demand with the drivers of the logs.
+
+        Where both simulators drive alike, many runs of the surrogate say it with less chance than few of SUMO.
+
+        Args:
+            values: all parameters, the inputs as in the scenario.
+        """
+        in_scenario = self._scenario_runs()
+        self.warnings += scenario_warnings(in_scenario)
+        self._session.progress.notes(self.warnings)
+        with self._session.stopwatch.time(AGREEMENT):
+            tallies = self._compared(values, in_scenario.tally)
+        return tallies if len(tallies) else in_scenario.tally
+
+    def _compared(self, values: Float[np.ndarray, " parameter"], in_scenario: Tallies) -> Tallies:
+        problem, sumo, plan = self._problem, self._sumo, self._plan
+        num_sumo_runs = sumo.rounds_of(plan.confirmation_runs)
+        if self._surrogate is None or not len(in_scenario):
+            return successful_tallies(problem, sumo, values, num_sumo_runs)
+        num_runs = self._surrogate.rounds_of(plan.noise_runs // 2)
+        as_it_is = round_values(problem.template.base_values())
+        ours = successful_tallies(problem, self._surrogate, as_it_is, num_runs)
+        first = compare_sections(problem, ours.sum(axis=0), in_scenario, IN_SCENARIO)
+        self.agreements.append(first)
+        ours = successful_tallies(problem, self._surrogate, values, num_runs)
+        if first.holds:
+            return ours
+        theirs = successful_tallies(problem, sumo, values, num_sumo_runs)
+        if not len(theirs):
+            self.agrees = False
+            return theirs
+        for learnt in (None, first):
+            where = WITH_LOGGED_DRIVERS + (", corrected by what the scenario's values showed" if learnt else "")
+            self.agreements.append(compare_sections(problem, ours.sum(axis=0), theirs, where, learnt))
+            if self.agreements[-1].holds:
+                self.learnt = learnt
+                return ours if learnt is None else theirs
+        self.agrees = False
+        return theirs
+
+
+def successful_tallies(
+    problem: CalibrationProblem, evaluator: Evaluator, values: Float[np.ndarray, " parameter"], num_runs: int
+) -> Tallies:
+    """Tallies of a candidate's runs that succeeded; none where all fail: such a simulator agrees with nobody."""
+    try:
+        runs = evaluator.evaluate(values[None], num_runs, NOISE_OFFSET).tally[0]
+    except AllRunsFailedError:
+        return np.zeros((0, len(problem.tally_names)))
+    return runs[np.isfinite(runs).all(axis=1)]
