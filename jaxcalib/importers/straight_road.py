@@ -135,7 +135,8 @@ def _demand(road: StraightRoad, end_s: float) -> ET.Element:
         ET.SubElement(root, "vType", own | IDM)
     ET.SubElement(root, "route", id="along", edges=EDGE)
     for kind, rate in flows.items():
-        departure = {"departLane": "best", "departPos": "last", "departSpeed": "avg"}
+        # not "last": on an edge as long as this one SUMO would put vehicles where the road ends
+        departure = {"departLane": "best", "departPos": "base", "departSpeed": "avg"}
         times = {"begin": "0", "end": f"{end_s:g}", "vehsPerHour": f"{rate:.1f}"}
         ET.SubElement(root, "flow", {"id": kind, "type": kind, "route": "along"} | times | departure)
     return root

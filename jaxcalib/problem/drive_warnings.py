@@ -1,8 +1,9 @@
-"""What a user should know of drives on their road: how much of it they cover, and whether clock and places agree."""
+"""How much of the road drives cover, what that makes of counts per drive, and whether clock and places agree."""
 
 from collections.abc import Sequence
 
 import numpy as np
+from jaxtyping import Float
 
 from jaxcalib.case.case import Case
 from jaxcalib.field.field_log import DriveLog
@@ -13,15 +14,44 @@ LEAST_OFF_S, LEAST_OFF = 120.0, 0.5
 SLOWEST_MPS = 3.0  # a log that begins in a jam says little of how long the way to there took
 
 
+def covered_share(drive: DriveLog, length_m: float) -> float:
+    """Share of the route that a log covers; 1 where that is nearly all of it.
+
+    Args:
+        drive: the log.
+        length_m: length of the route.
+    """
+    share = float(np.ptp(drive.subject.position_m)) / length_m
+    return share if share < LEAST_COVERED else 1.0
+
+
+def counted_in_parts(
+    field_tally: Float[np.ndarray, "drive tally"], drives: Sequence[DriveLog], length_m: float, column: int
+) -> Float[np.ndarray, "drive tally"]:
+    """Tallies in which a drive along a part of the route counts as that part of a drive.
+
+    Simulated drives are whole ones: what is counted per drive would else be compared with ten times the way.
+
+    Args:
+        field_tally: tallies of each drive.
+        drives: the drives.
+        length_m: length of the route.
+        column: the tally that counts drives.
+    """
+    tally = field_tally.copy()
+    tally[:, column] *= [covered_share(drive, length_m) for drive in drives]
+    return tally
+
+
 def coverage_warnings(drives: Sequence[DriveLog], length_m: float) -> list[str]:
     """Return one line for each log that covers only a part of the route."""
     lines = []
     for drive in drives:
-        covered_m = float(np.ptp(drive.subject.position_m))
-        if covered_m < LEAST_COVERED * length_m:
+        if covered_share(drive, length_m) < 1.0:
+            covered_m = float(np.ptp(drive.subject.position_m))
             lines.append(
-                f"drive {drive.id}: the log covers {covered_m:.0f} of {length_m:.0f} m of the route; counts per drive "
-                "and the travel time take it for a whole drive."
+                f"drive {drive.id}: the log covers {covered_m:.0f} of {length_m:.0f} m of the route; it counts as that "
+                "part of a drive."
             )
     return lines
 

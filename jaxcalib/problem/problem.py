@@ -20,7 +20,7 @@ from jaxcalib.measures.observed_road import ObservedRoad, observe_road
 from jaxcalib.measures.registry import all_folds, all_measures
 from jaxcalib.measures.scene import MeasureSettings
 from jaxcalib.measures.whole_drive import WholeDriveFold
-from jaxcalib.problem.drive_warnings import coverage_warnings, departure_warnings
+from jaxcalib.problem.drive_warnings import counted_in_parts, coverage_warnings, departure_warnings
 from jaxcalib.problem.inputs import read_scenario_of
 from jaxcalib.problem.parameter_layout import layout_of
 from jaxcalib.problem.problem_checks import (
@@ -173,7 +173,9 @@ def read_problem(folder: Path | str, *, as_stated: bool = False) -> CalibrationP
         fold=fold,
         measures=all_measures(settings),
         drives=drives,
-        field_tally=np.stack(field_tally),
+        field_tally=counted_in_parts(
+            np.stack(field_tally), drives, scenario.network.length_m, tally.names.index("drives")
+        ),
         log_warnings=(*logs.left_out, *logs.contradictions, *range_warnings(stated, sensor)),
     )
 

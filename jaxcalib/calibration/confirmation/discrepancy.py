@@ -58,7 +58,7 @@ class LearntDiscrepancy:
 
 
 def learn_discrepancy(
-    moments: Moments, covariance: Float[np.ndarray, "moment moment"], num_drives: int, confirmed: list[Confirmed]
+    moments: Moments, covariance: Float[np.ndarray, "moment moment"], num_drives: float, confirmed: list[Confirmed]
 ) -> LearntDiscrepancy:
     """Learn the discrepancy.
 

@@ -23,7 +23,7 @@ class Transfer:
 
 
 def transfer_of(
-    moments: Moments, covariance: np.ndarray, num_drives: int, confirmed: Sequence[Confirmed]
+    moments: Moments, covariance: np.ndarray, num_drives: float, confirmed: Sequence[Confirmed]
 ) -> tuple[Transfer, ...]:
     """Return the transfer of each moment.
 

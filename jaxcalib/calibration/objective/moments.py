@@ -81,7 +81,7 @@ def observed_moments(
         field: tallies of the field's drives.
         simulated: tallies of runs near where the search begins.
     """
-    per_run = len(field) / len(simulated)
+    per_run = field[:, moments.drives].sum() / len(simulated)
     sums = field.sum(axis=0), per_run * simulated.sum(axis=0)
     is_per_drive = moments.denominator == moments.drives
     # that one side shows no event where the other shows many says something; that neither shows any does not

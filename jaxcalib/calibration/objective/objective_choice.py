@@ -40,7 +40,7 @@ def choose_objective(
         field=moments.values(field.sum(axis=0)),
         covariance=noise_covariance(moments, runs),
         usual=moments.values(runs.sum(axis=0)),
-        num_drives=len(field),
+        num_drives=float(field[:, moments.drives].sum()),
         evidence=evidence,
         is_relative=is_relative,
         is_summed=is_relative and settings.literal,

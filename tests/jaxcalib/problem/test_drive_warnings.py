@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from jaxcalib.problem.drive_warnings import coverage_warnings, departure_warnings
+from jaxcalib.problem.drive_warnings import counted_in_parts, coverage_warnings, departure_warnings
 
 
 def drive(begin_s: float, begin_m: float, speed_mps: float = 25.0) -> Any:
@@ -40,3 +40,12 @@ def test_a_part_of_the_route_is_told():
     (line,) = coverage_warnings([drive(600.0, 0.0)], 3000.0)
     assert "covers 1488 of 3000 m" in line
     assert coverage_warnings([drive(600.0, 0.0)], 1600.0) == []
+
+
+def test_a_part_of_the_route_counts_as_a_part_of_a_drive():
+    """Twelve events in a third of the route are as many as 36 in all of it."""
+    tally = np.asarray([[12.0, 1.0], [36.0, 1.0]])
+    whole, third = drive(600.0, 0.0), drive(600.0, 800.0, 500.0 / 59.5)
+    counted = counted_in_parts(tally, [third, whole], 1500.0, 1)
+    assert counted[:, 0] / counted[:, 1] == pytest.approx([36.0, 36.0])
+    assert tally[0, 1] == 1.0
