@@ -19,7 +19,7 @@ from experiments.results.record import record as keep
 from jaxcalib.case.case import Case, read_case, require_scenario
 from jaxcalib.cli.guarded import guarded
 from jaxcalib.field.field_log import read_drives
-from jaxcalib.problem.drive_warnings import departure_warnings
+from jaxcalib.problem.drive_warnings import departure_warnings, one_sided_warnings
 from jaxcalib.problem.inputs import read_scenario_of
 from jaxcalib.problem.problem_checks import drive_faults
 from sim_adapters.scenario.scenario import Scenario
@@ -87,13 +87,16 @@ def _lines(case: Case, scenario: Scenario, tables: Tables) -> tuple[list[str], l
         for drive in case.drives:
             files = [Path(folder) / f"{drive.id}_{part}.parquet" for part in ("subject", "objects")]
             for table, file in zip(tables[drive.id], files, strict=True):
-                table.assign(**{name: table[name].astype(str) for name in ("road",) if name in table}).to_parquet(file)
+                table.assign(**{name: table[name].astype(str) for name in ("road",) if name in table}).to_parquet(
+                    file, index=False
+                )
             drives.append(dataclasses.replace(drive, subject_file=files[0], objects_file=files[1]))
         spoilt = dataclasses.replace(case, drives=tuple(drives))
         logs = read_drives(spoilt, scenario.row_map)
         is_seen = [bool(np.any(drive.on_clock(INTERVAL_S).valid)) for drive in logs.drives]
         refusals = [*logs.refusals, *drive_faults(logs.case, logs.drives, is_seen, INTERVAL_S)]
         warnings = [*logs.contradictions, *departure_warnings(spoilt, logs.drives)]
+        warnings += one_sided_warnings(spoilt, logs.drives)
         warnings += [line for drive in logs.drives for line in drive.warnings]
         return [str(refusal) for refusal in refusals], warnings
 

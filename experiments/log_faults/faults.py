@@ -169,7 +169,7 @@ FAULTS: Mapping[str, Fault] = {
     "oncoming": Fault("oncoming traffic", _passing(-30.0, 6.0), r"oncoming"),
     "standing": Fault("standing radar targets", _passing(0.0, 6.0), r"standing"),
     "sentinels": Fault("9999 for nothing in 1 % of the rows", _sentinels, r"stands for nothing"),
-    "ahead_only": Fault("sensors that look ahead only", _ahead_only, r"behind|ahead"),
+    "ahead_only": Fault("sensors that look ahead only", _ahead_only, r"objects are behind"),
     "nobody": Fault("no objects at all", _nobody, r"no rows|detect"),
     "accel_sign": Fault(
         "accelerations with the other sign", _scaled("acceleration_mps2", -1.0, True), r"opposite sign"

@@ -11,6 +11,7 @@ from jaxcalib.field.field_log import DriveLog
 LEAST_COVERED = 0.8  # of the route, by a drive that counts as a whole one without a warning
 # Between clock and way, in seconds and of the time that the way takes: who departs may wait before a full entrance.
 LEAST_OFF_S, LEAST_OFF = 120.0, 0.5
+FEWEST_ROWS, LEAST_SIDE = 500, 0.01  # of objects, and share of them on either side, where both can be seen
 SLOWEST_MPS = 3.0  # a log that begins in a jam says little of how long the way to there took
 
 
@@ -76,4 +77,26 @@ def departure_warnings(case: Case, drives: Sequence[DriveLog]) -> list[str]:
                 f"drive {drive.id}: the log begins {took_s:.0f} s after depart_s at {begin_m:.0f} m of the route, to "
                 f"where it takes about {takes_s:.0f} s; is depart_s right, and is the log on the scenario's clock?"
             )
+    return lines
+
+
+def one_sided_warnings(case: Case, drives: Sequence[DriveLog]) -> list[str]:
+    """Return one line for each drive that saw hardly anybody ahead, or behind, though its sensors reach there.
+
+    Args:
+        case: says how far they reach.
+        drives: its drives.
+    """
+    reach_m = {"ahead": case.perception.ahead_m, "behind": case.perception.behind_m}
+    lines = []
+    for drive in drives:
+        offset_m = drive.objects.offset_m
+        if len(offset_m) < FEWEST_ROWS:
+            continue
+        for side, share in (("ahead", np.mean(offset_m > 0.0)), ("behind", np.mean(offset_m < 0.0))):
+            if share < LEAST_SIDE and reach_m[side] > 0.0:
+                lines.append(
+                    f"drive {drive.id}: {share:.1%} of the objects are {side} of the subject vehicle; do its sensors "
+                    f"look there? Write a small perception.{side}_m if not."
+                )
     return lines

@@ -20,7 +20,7 @@ from jaxcalib.measures.observed_road import ObservedRoad, observe_road
 from jaxcalib.measures.registry import all_folds, all_measures
 from jaxcalib.measures.scene import MeasureSettings
 from jaxcalib.measures.whole_drive import WholeDriveFold
-from jaxcalib.problem.drive_warnings import counted_in_parts, coverage_warnings, departure_warnings
+from jaxcalib.problem.drive_warnings import counted_in_parts, coverage_warnings, departure_warnings, one_sided_warnings
 from jaxcalib.problem.inputs import read_scenario_of
 from jaxcalib.problem.parameter_layout import layout_of
 from jaxcalib.problem.problem_checks import (
@@ -113,6 +113,7 @@ class CalibrationProblem:
         own += self.log_warnings
         own += replay_warnings(self.case) if self.parts.subject.model.name == REPLAY else []
         own += departure_warnings(self.case, self.drives)
+        own += one_sided_warnings(self.case, self.drives)
         own += coverage_warnings(self.drives, self.scenario.network.length_m)
         return (
             *own,

@@ -9,7 +9,7 @@ import numpy as np
 from jaxcalib.case.case import Case, ScenarioParts, read_case, require_scenario
 from jaxcalib.errors import CaseError
 from jaxcalib.field.field_log import DriveLogs, judge_without_road, read_drives, table_faults
-from jaxcalib.problem.drive_warnings import coverage_warnings, departure_warnings
+from jaxcalib.problem.drive_warnings import coverage_warnings, departure_warnings, one_sided_warnings
 from jaxcalib.problem.inputs import read_scenario_of
 from jaxcalib.problem.parameter_layout import layout_of
 from jaxcalib.problem.problem import frame_interval_s
@@ -140,6 +140,7 @@ def check_case(folder: Path | str, *, first_run_s: float = FIRST_RUN_S) -> CaseC
             *logs.left_out,
             *logs.contradictions,
             *departure_warnings(case, logs.drives),
+            *one_sided_warnings(case, logs.drives),
             *coverage_warnings(logs.drives, scenario.network.length_m),
             *(line for drive in logs.drives for line in drive.warnings),
             *(_run_warnings(scenario, parts, first_run) if first_run else ()),

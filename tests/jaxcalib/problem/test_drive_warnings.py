@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from jaxcalib.problem.drive_warnings import counted_in_parts, coverage_warnings, departure_warnings
+from jaxcalib.problem.drive_warnings import counted_in_parts, coverage_warnings, departure_warnings, one_sided_warnings
 
 
 def drive(begin_s: float, begin_m: float, speed_mps: float = 25.0) -> Any:
@@ -49,3 +49,16 @@ def test_a_part_of_the_route_counts_as_a_part_of_a_drive():
     counted = counted_in_parts(tally, [third, whole], 1500.0, 1)
     assert counted[:, 0] / counted[:, 1] == pytest.approx([36.0, 36.0])
     assert tally[0, 1] == 1.0
+
+
+def test_sensors_that_look_one_way_are_told():
+    case: Any = SimpleNamespace(perception=SimpleNamespace(ahead_m=150.0, behind_m=100.0))
+    ahead_m = np.linspace(5.0, 140.0, 2000)
+    both, ahead, few = (
+        SimpleNamespace(id=name, objects=SimpleNamespace(offset_m=offset_m))
+        for name, offset_m in (("both", np.append(ahead_m, -ahead_m)), ("ahead", ahead_m), ("few", ahead_m[:50]))
+    )
+    (line,) = one_sided_warnings(case, [both, ahead, few])  # pyright: ignore
+    assert line.startswith("drive ahead: 0.0% of the objects are behind")
+    case.perception.behind_m = 0.0
+    assert one_sided_warnings(case, [ahead]) == []  # pyright: ignore
