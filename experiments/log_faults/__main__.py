@@ -95,7 +95,7 @@ def _lines(case: Case, scenario: Scenario, tables: Tables) -> tuple[list[str], l
         logs = read_drives(spoilt, scenario.row_map)
         is_seen = [bool(np.any(drive.on_clock(INTERVAL_S).valid)) for drive in logs.drives]
         refusals = [*logs.refusals, *drive_faults(logs.case, logs.drives, is_seen, INTERVAL_S)]
-        warnings = [*logs.contradictions, *departure_warnings(spoilt, logs.drives)]
+        warnings = [*logs.left_out, *logs.contradictions, *departure_warnings(spoilt, logs.drives)]
         warnings += one_sided_warnings(spoilt, logs.drives)
         warnings += [line for drive in logs.drives for line in drive.warnings]
         return [str(refusal) for refusal in refusals], warnings

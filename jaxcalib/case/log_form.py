@@ -53,6 +53,7 @@ class LogForm:
     # points of vehicles that places and distances mean: front bumpers, centres, or (of objects) the nearer bumper
     reference: Reference = "front"
     subject_length_m: float | None = None  # length of the subject vehicle; None for the nominal length
+    empty_road: bool = False  # a drive without objects met nobody; otherwise nobody looked
 
     def with_time_zero(self, time_zero: float | None) -> "LogForm":
         """The form with another value of the time column for the scenario's 0; None leaves it."""

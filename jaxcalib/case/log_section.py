@@ -64,3 +64,4 @@ class LogSection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     crs: Text | None = None
     reference: Annotated[Reference, Meta(description='"front", "centre" or "near_end"')] = "front"
     subject_length_m: Annotated[float, Meta(gt=0.0, le=100.0, description="a number > 0 and at most 100")] | None = None
+    empty_road: bool = False

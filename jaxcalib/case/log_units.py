@@ -28,6 +28,7 @@ def log_form_of(section: LogSection | None) -> LogForm:
         crs=section.crs,
         reference=section.reference,
         subject_length_m=section.subject_length_m,
+        empty_road=section.empty_road,
     )
 
 

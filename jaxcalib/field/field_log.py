@@ -128,16 +128,18 @@ def read_drives(case: Case, row_map: RowMap, rules: CleaningRules | None = None)
     refusals: list[CaseError] = []
     for drive in case.drives:
         try:
-            tables.append((drive, read_tables(case, drive, geometry)))
+            own = read_tables(case, drive, geometry)
+            _check_looked(case, drive, own)
+            tables.append((drive, own))
         except EmptyLogError as error:
             empty.append((drive, error))
         except CaseError as error:
             refusals.append(error)
     for role in ROLES:
-        files = [drive.subject_file for drive, _ in empty if drive.role == role]
-        if files and len(files) == len(case.drives_of(role)):
-            expected = f"expected rows in one of the drives with role {quote(role)} at least; there are none."
-            refusals.append(CaseError(files[0], "", expected))
+        errors = [error for drive, error in empty if drive.role == role]
+        if errors and len(errors) == len(case.drives_of(role)):
+            expected = f"expected rows in one of the drives with role {quote(role)} at least; {errors[0].expected}"
+            refusals.append(CaseError(errors[0].file, "", expected))
     found = judge_drives([own.motion for _, own in tables], [own.impossible for _, own in tables])
     refusals += [CaseError(one.file, one.column, one.words) for one in found if one.is_refused]
     contradictory = {drive for one in found if one.is_refused for drive in one.drives}
@@ -156,6 +158,13 @@ def read_drives(case: Case, row_map: RowMap, rules: CleaningRules | None = None)
         tables=tuple(tables),
         geometry=geometry,
     )
+
+
+def _check_looked(case: Case, drive: Drive, tables: DriveTables) -> None:
+    """Raise an EmptyLogError for a drive without objects: nobody looked, unless the case says that nobody was there."""
+    if not len(tables.impossible.any) and not case.log_form.empty_road:
+        todo = "write empty_road = true under [log] of case.toml if the road was empty."
+        raise EmptyLogError(drive.objects_file, "", f"expected detected vehicles, got no row; {todo}")
 
 
 def judge_without_road(case: Case) -> DriveLogs:

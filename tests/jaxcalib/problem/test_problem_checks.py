@@ -29,13 +29,24 @@ def change(folder: Path, pattern: str, what: Callable[[pd.DataFrame], pd.DataFra
 
 def test_drives_that_detect_nobody_are_no_field(folder: Path):
     change(folder, "*_objects.csv.gz", lambda table: table[:0])
+    with pytest.raises(CaseError, match=r"d01_objects\.csv\.gz: expected rows in one of the drives with role"):
+        read_problem(folder)
+    case = folder / "case.toml"
+    case.write_text(case.read_text() + "\n[log]\nempty_road = true\n")
     with pytest.raises(CaseError, match=r"d01_objects\.csv\.gz: expected detected vehicles in one of the drives"):
         read_problem(folder)
 
 
-def test_one_drive_that_detects_nobody_is_a_warning(folder: Path):
+def test_one_drive_that_detects_nobody_is_no_empty_road_unless_the_case_says_so(folder: Path):
     change(folder, "d02_objects.csv.gz", lambda table: table[:0])
-    assert any("d02_objects.csv.gz: no rows" in line for line in read_problem(folder).warnings())
+    problem = read_problem(folder)
+    assert "d02" not in {drive.id for drive in problem.drives}
+    assert any("drive d02 is left out" in line and "empty_road" in line for line in problem.warnings())
+    case = folder / "case.toml"
+    case.write_text(case.read_text() + "\n[log]\nempty_road = true\n")
+    problem = read_problem(folder)
+    assert "d02" in {drive.id for drive in problem.drives}
+    assert any("d02_objects.csv.gz: no rows" in line for line in problem.warnings())
 
 
 def test_a_drive_between_two_instants_is_refused(folder: Path):
