@@ -6,10 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import pyproj
 
 from jaxcalib.errors import CaseError
 from jaxcalib.importers.data_frame import Frame
 from jaxcalib.importers.importer import Imported, ImportOptions
+from jaxcalib.importers.planes import plane_of
 from jaxcalib.importers.straight_road import straight_road_of
 from jaxcalib.importers.tables import read_table
 from jaxcalib.importers.trajectories import Recording, completed, slices_of
@@ -25,6 +27,7 @@ AUXILIARY_LANES: Mapping[str, tuple[int, ...]] = {"us-101": (6, 7, 8), "i-80": (
 PUBLISHED: Mapping[str, str] = {
     "vehicle_id": "vehicle", "global_time": "time_ms", "local_y": "along", "local_x": "across", "v_vel": "speed",
     "v_acc": "acceleration", "v_length": "length", "lane_id": "lane_from_left", "location": "location",
+    "global_x": "east", "global_y": "north",
 }  # fmt: skip
 # Metric tables name their units; y_m is to the left, lanes count from the right, 0 and less are no main lanes.
 METRIC: Mapping[str, str] = {
@@ -44,8 +47,12 @@ def read_recording(source: Path, options: ImportOptions) -> Imported:
     table = read_table(source)
     table.columns = [str(name).strip().lower() for name in table.columns]
     said: list[str] = []
+    crs: str | None = None
     if {"local_x", "local_y"} <= set(table.columns):
         table = _published(source, table, said)
+        if options.crs is not None and {"east", "north"} <= set(table.columns):
+            table, crs = _on_globe(table, options.crs)
+            said.append(f"{source.name}: places by Global_X and Global_Y, in {options.crs}.")
     elif {"x_m", "time_s", "lane_id"} <= set(table.columns):
         table = _metric(source, table, said)
     else:
@@ -59,12 +66,12 @@ def read_recording(source: Path, options: ImportOptions) -> Imported:
     if table.empty:
         raise CaseError(source, "", "expected vehicles on main lanes; there is none.")
     recordings = [
-        Recording(str(name), partial(slices_of, completed(rows)))
+        Recording(str(name), partial(slices_of, completed(rows)), crs)
         for name, rows in table.groupby("recording", sort=False)
     ]
     drives = virtual_probes(recordings, options)
     said.append(f"{source.name}: {len(recordings)} recordings, {len(drives)} of their vehicles as subject vehicles.")
-    road = straight_road_of(completed(table)) if options.config is None else None
+    road = straight_road_of(completed(table)) if options.config is None and crs is None else None
     return Imported(tuple(drives), tuple(said), road)
 
 
@@ -99,9 +106,18 @@ def _published(source: Path, table: Frame, said: list[str]) -> Frame:
             "length_m": table["length"] * unit_m if "length" in table else np.nan,
             "lane": np.where(is_main, most + 1 - lane, 0),
             "location": location,
+            **{name: table[name] for name in ("east", "north") if name in table},
         }
     ).drop_duplicates(["location", "vehicle", "time_s"])
     return _in_recordings(table.sort_values(["location", "time_s"], kind="stable"))
+
+
+def _on_globe(table: Frame, crs: str) -> tuple[Frame, str]:
+    """The table with its geographic places instead of those along and across the road."""
+    to_globe = pyproj.Transformer.from_crs(crs, "EPSG:4326", always_xy=True)
+    longitude_deg, latitude_deg = to_globe.transform(table["east"].to_numpy(float), table["north"].to_numpy(float))
+    x_m, y_m, plane = plane_of(np.asarray(longitude_deg), np.asarray(latitude_deg))
+    return table.assign(x_m=x_m, y_m=y_m), plane
 
 
 def _in_recordings(table: Frame) -> Frame:

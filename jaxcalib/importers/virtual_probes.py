@@ -58,11 +58,17 @@ def virtual_probes(recordings: Sequence[Recording], options: ImportOptions) -> l
         CaseError: a vehicle that is asked for is not there, or nobody stays long enough.
     """
     drives: list[ImportedDrive] = []
+    missing, some = set(options.subjects), ""
     for recording in recordings:
-        chosen = _choose(recording, options)
+        stays = _stays(recording)
+        missing, some = missing - set(stays), some or ", ".join(list(stays)[:10])
+        chosen = _choose(stays, recording, options)
         for vehicle, rows in _look_around(recording, chosen, options).items():
             name = f"{recording.id}-{vehicle}" if len(recordings) > 1 else vehicle
             drives.append(_drive(name, rows, recording, options))
+    if missing:
+        expected = f"expected a vehicle of the recording, got {quote(min(missing))}; it has {some} ..."
+        raise CaseError("command line", "--subject", expected)
     if not drives:
         raise CaseError("command line", "SOURCE", f"expected a vehicle that stays for {LEAST_DRIVE_S:g} s at least.")
     return _with_roles(drives)
@@ -76,8 +82,8 @@ def _thinned(recording: Recording) -> Iterator[Slice]:
             yield one
 
 
-def _choose(recording: Recording, options: ImportOptions) -> list[str]:
-    """Vehicles that stay long, evenly over the recording's time."""
+def _stays(recording: Recording) -> dict[str, _Stay]:
+    """When and where each vehicle is there."""
     stays: dict[str, _Stay] = {}
     for one in _thinned(recording):
         for number, vehicle in enumerate(one.vehicle):
@@ -88,13 +94,13 @@ def _choose(recording: Recording, options: ImportOptions) -> list[str]:
             else:
                 stay.last_s = one.time_s
                 stay.driven_m = float(np.hypot(place_m[0] - stay.first_m[0], place_m[1] - stay.first_m[1]))
+    return stays
+
+
+def _choose(stays: Mapping[str, _Stay], recording: Recording, options: ImportOptions) -> list[str]:
+    """Those that were asked for, or vehicles that stay long, evenly over the recording's time."""
     if options.subjects:
-        missing = [vehicle for vehicle in options.subjects if vehicle not in stays]
-        if missing:
-            some = ", ".join(list(stays)[:10])
-            expected = f"expected a vehicle of the recording, got {quote(missing[0])}; it has {len(stays)}: {some} ..."
-            raise CaseError("command line", "--subject", expected)
-        return list(options.subjects)
+        return [vehicle for vehicle in options.subjects if vehicle in stays]
     able = _able(stays, recording.has_scenario_clock)
     places = np.unique(np.linspace(0, len(able) - 1, min(options.probes, len(able))).round().astype(int))
     return [able[place] for place in places]

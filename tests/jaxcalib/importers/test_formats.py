@@ -22,6 +22,7 @@ from tests.jaxcalib.importers.recorded_traffic import (
     SUBJECT,
     WRITERS,
     traffic,
+    write_ngsim,
 )
 
 RANGE_M = 120.0
@@ -146,3 +147,23 @@ def test_broken_xml_is_said_in_one_line(tmp_path: Path, scenario: Path):
     file.write_text('<fcd-export><timestep time="1"><vehicle id="a" x="1"')
     with pytest.raises(CaseError, match=r"fcd\.xml: expected SUMO's XML"):
         load_importer("sumo-fcd")(file, replace(ImportOptions(), config=scenario))
+
+
+def test_geographic_places_of_ngsim(tmp_path: Path, scenario: Path):
+    """Global_X and Global_Y in the feet of a state plane (EPSG:2229) are the same way on the globe."""
+    file = write_ngsim(tmp_path, True)
+    table = pd.read_csv(file)
+    east_ft, north_ft = 6_452_000.0, 1_872_000.0  # near US-101 in Los Angeles
+    table = table.assign(Global_X=east_ft + 0.6 * table.Local_Y, Global_Y=north_ft - 0.8 * table.Local_Y)
+    table.to_csv(file, index=False)
+    imported = load_importer("ngsim")(file, ImportOptions(subjects=(SUBJECT,), range_m=RANGE_M, crs="EPSG:2229"))
+    (drive,) = imported.drives
+    assert imported.road is None
+    assert any("Global_X" in line for line in imported.said)
+    latitude, longitude = drive.subject.latitude_rad.to_numpy(), drive.subject.longitude_rad.to_numpy()
+    north_m = 6_371_000.0 * np.diff(latitude)
+    east_m = 6_371_000.0 * np.cos(latitude[0]) * np.diff(longitude)
+    own = traffic().query("vehicle == @SUBJECT").sort_values("time_s")
+    np.testing.assert_allclose(np.hypot(east_m, north_m), np.diff(own.x_m), rtol=0.01)
+    assert np.degrees(longitude[0]) == pytest.approx(-118.4, abs=0.3)
+    assert set(drive.objects.vehicle_id) == set(expected_objects().vehicle)
