@@ -9,10 +9,6 @@ from jaxcalib.importers.data_frame import Frame
 
 USUAL_RANGE_M = 150.0
 USUAL_BEGIN_S = 600.0  # on the scenario's clock: its road is filled by then
-SUBJECT_COLUMNS = (
-    "time_s", "road", "speed_limit_kmh", "speed_kmh", "yaw_rate_radps", "acceleration_mps2", "lane", "lane_offset_m",
-)  # fmt: skip
-OBJECT_COLUMNS = ("time_s", "vehicle_id", "lane", "speed_kmh", "heading_deg")
 
 
 @dataclass(frozen=True)

@@ -1,11 +1,14 @@
 """The tables of a drive that an automated vehicle recorded: its own motion, and objects in its own frame."""
 
+from collections.abc import Iterable
+
 import numpy as np
 import pandas as pd
 import pyproj
 
+from jaxcalib.field.log_tables import OBJECT_COLUMNS, SUBJECT_COLUMNS
 from jaxcalib.importers.data_frame import Frame
-from jaxcalib.importers.importer import OBJECT_COLUMNS, SUBJECT_COLUMNS, USUAL_BEGIN_S, ImportedDrive, ImportOptions
+from jaxcalib.importers.importer import USUAL_BEGIN_S, ImportedDrive, ImportOptions
 from jaxcalib.importers.planes import from_vehicle_frame
 from jaxcalib.importers.trajectories import path_heading_rad
 from sim_adapters.units import kmh_from_mps
@@ -60,7 +63,7 @@ def recorded_drive(name: str, own: Frame, objects: Frame, crs: str | None, optio
     return ImportedDrive(name, with_places(subject, crs, SUBJECT_COLUMNS), with_places(seen, crs, OBJECT_COLUMNS))
 
 
-def with_places(table: Frame, crs: str | None, columns: tuple[str, ...]) -> Frame:
+def with_places(table: Frame, crs: str | None, columns: Iterable[str]) -> Frame:
     """A table with all columns of Table 1; places on the globe where their plane is not the network's.
 
     Args:

@@ -7,8 +7,9 @@ import numpy as np
 import pandas as pd
 
 from jaxcalib.errors import CaseError, quote
+from jaxcalib.field.log_tables import OBJECT_COLUMNS, SUBJECT_COLUMNS
 from jaxcalib.importers.data_frame import Frame
-from jaxcalib.importers.importer import OBJECT_COLUMNS, SUBJECT_COLUMNS, USUAL_BEGIN_S, ImportedDrive, ImportOptions
+from jaxcalib.importers.importer import USUAL_BEGIN_S, ImportedDrive, ImportOptions
 from jaxcalib.importers.occlusion import visible_from_origin
 from jaxcalib.importers.recorded_drive import with_places
 from jaxcalib.importers.trajectories import Recording, Slice
