@@ -18,7 +18,7 @@ from experiments.log_faults.faults import FAULTS, Fault
 from experiments.results.record import record as keep
 from jaxcalib.case.case import Case, read_case, require_scenario
 from jaxcalib.cli.guarded import guarded
-from jaxcalib.field.field_log import read_drives
+from jaxcalib.field.drive_logs import read_drives
 from jaxcalib.problem.drive_warnings import departure_warnings, one_sided_warnings
 from jaxcalib.problem.inputs import read_scenario_of
 from jaxcalib.problem.problem_checks import drive_faults

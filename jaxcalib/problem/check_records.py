@@ -9,7 +9,8 @@ import numpy as np
 
 from jaxcalib.case.case import Case, Drive
 from jaxcalib.errors import CaseError
-from jaxcalib.field.field_log import DriveLogs, DriveTables
+from jaxcalib.field.drive_logs import DriveLogs
+from jaxcalib.field.field_log import DriveTables
 from jaxcalib.field.log_tables import CLOCK_TOLERANCE_S, ObjectLog, SubjectLog, read_object_log, read_subject_log
 from jaxcalib.field.map_matching import lane_centre_m, match_lanes
 from jaxcalib.field.physics.impossible_tracks import WORDS

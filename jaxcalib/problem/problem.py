@@ -11,7 +11,8 @@ import numpy as np
 
 from jaxcalib.case.case import Case, Role, ScenarioParts, read_case, require_scenario
 from jaxcalib.errors import CaseError
-from jaxcalib.field.field_log import DriveLog, read_drives
+from jaxcalib.field.drive_logs import read_drives
+from jaxcalib.field.field_log import DriveLog
 from jaxcalib.field.seen_range import range_warnings, seen_perception
 from jaxcalib.measures.drive_tally import DriveTally
 from jaxcalib.measures.lane_change import num_target_gap_classes

@@ -8,7 +8,7 @@ import numpy as np
 
 from jaxcalib.case.case import Case, ScenarioParts, read_case, require_scenario
 from jaxcalib.errors import CaseError
-from jaxcalib.field.field_log import DriveLogs, judge_without_road, read_drives, table_faults
+from jaxcalib.field.drive_logs import DriveLogs, judge_without_road, read_drives, table_faults
 from jaxcalib.problem.drive_warnings import coverage_warnings, departure_warnings, one_sided_warnings
 from jaxcalib.problem.inputs import read_scenario_of
 from jaxcalib.problem.parameter_layout import layout_of

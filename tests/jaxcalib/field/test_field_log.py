@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 
 from jaxcalib.case.case import Case
 from jaxcalib.errors import LONGEST_MESSAGE, CaseError
-from jaxcalib.field.field_log import DriveLog, read_drive, read_drives
+from jaxcalib.field.drive_logs import read_drives
+from jaxcalib.field.field_log import DriveLog, read_drive
 from jaxcalib.field.log_cleaning import CleaningRules
 from sim_adapters.scenario.road_builder import RowMap
 from surrogate.road.perception import NO_TRACK

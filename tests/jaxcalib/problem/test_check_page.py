@@ -13,7 +13,8 @@ import pytest
 from jaxcalib.case.case import Case, read_case
 from jaxcalib.cli.app import check
 from jaxcalib.cli.guarded import EXIT_CASE_WRONG
-from jaxcalib.field.field_log import DriveCounts, DriveLogs, judge_without_road, read_drives
+from jaxcalib.field.drive_logs import DriveLogs, judge_without_road, read_drives
+from jaxcalib.field.field_log import DriveCounts
 from jaxcalib.field.route_geometry import build_route_geometry
 from jaxcalib.problem import scenario_check
 from jaxcalib.problem.check_figures import MOST_POINTS, thinned

@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 from jaxcalib.case.case import Case, read_case
-from jaxcalib.field.field_log import read_drives
+from jaxcalib.field.drive_logs import read_drives
 from jaxcalib.field.route_geometry import build_route_geometry
 from sim_adapters.scenario.scenario import Scenario
 from tests.places import CORRIDOR
