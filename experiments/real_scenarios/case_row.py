@@ -14,8 +14,8 @@ import numpy as np
 from jaxcalib.calibration.confirmation.agreement import LEAST_SHARE
 from jaxcalib.calibration.objective.accuracy import TRAFFIC_LEVEL, VEHICLE_LEVEL_SUM
 from jaxcalib.case.case import Role
+from jaxcalib.check.scenario_check import check_case
 from jaxcalib.cli.guarded import EXIT_CASE_WRONG
-from jaxcalib.problem.scenario_check import check_case
 from sim_adapters.scenario.finding import Level
 
 TRAFFIC_LEVEL_MEAN = "traffic_level"  # over the errors of Eqs. 33-36 that there are

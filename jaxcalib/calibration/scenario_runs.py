@@ -8,9 +8,9 @@ from collections.abc import Callable
 from jaxcalib.calibration.confirmation.final_errors import FinalRuns, start_final_runs
 from jaxcalib.calibration.stages.budget import Budget
 from jaxcalib.calibration.stages.evaluator import AllRunsFailedError
+from jaxcalib.check.scenario_check import WORTH_SAYING
 from jaxcalib.problem.parameter_space import round_values
 from jaxcalib.problem.problem import CalibrationProblem
-from jaxcalib.problem.scenario_check import WORTH_SAYING
 from jaxcalib.runs.journal import JournaledSumo
 from jaxcalib.runs.session import Session
 from sim_adapters.interface import Status

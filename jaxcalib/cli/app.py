@@ -82,9 +82,9 @@ def check(case: Path, /, *, out: Path | None = None) -> int:
     out
         The page to write; CASE/check.html unless given.
     """
+    from jaxcalib.check.scenario_check import CaseCheck, check_case
     from jaxcalib.cli.check_table import leave_page, print_check
     from jaxcalib.cli.guarded import guarded
-    from jaxcalib.problem.scenario_check import CaseCheck, check_case
 
     found: list[CaseCheck] = []
 

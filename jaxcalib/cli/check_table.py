@@ -6,10 +6,10 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
+from jaxcalib.check.check_page import write_check_page
+from jaxcalib.check.scenario_check import CaseCheck
 from jaxcalib.cli.guarded import EXIT_CASE_WRONG
 from jaxcalib.errors import CaseError, ResourceError
-from jaxcalib.problem.check_page import write_check_page
-from jaxcalib.problem.scenario_check import CaseCheck
 
 WIDTH = 120
 

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
+from jaxcalib.check.scenario_check import CaseCheck, check_case
 from jaxcalib.cli.app import check
 from jaxcalib.cli.guarded import EXIT_CASE_WRONG
-from jaxcalib.problem.scenario_check import CaseCheck, check_case
 from tests.places import CORRIDOR
 
 CONFIG, DEMAND = "scenario/scenario.sumocfg", "scenario/demand.rou.xml"

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from jaxcalib.problem.scenario_check import check_case
+from jaxcalib.check.scenario_check import check_case
 from sim_adapters.scenario.finding import Level
 from sim_adapters.scenario.scenario import read_scenario
 from sim_adapters.sumo.loading import load_in_sumo

@@ -8,12 +8,12 @@ import pandas as pd
 import pytest
 
 from jaxcalib.case.case import read_case
+from jaxcalib.check.scenario_check import check_case
 from jaxcalib.errors import CaseError
 from jaxcalib.importers.import_case import import_case
 from jaxcalib.importers.importer import Imported, ImportOptions
 from jaxcalib.importers.registry import load_importer
 from jaxcalib.importers.straight_road import straight_road_of, write_scenario
-from jaxcalib.problem.scenario_check import check_case
 from tests.jaxcalib.importers.recorded_traffic import (
     LANE_M,
     LASTS_S,

@@ -23,9 +23,9 @@ from osi3.osi_sensordata_pb2 import SensorData
 from osi3.osi_sensorview_pb2 import SensorView
 from osi_utilities import ChannelSpecification, MultiTraceWriter, SingleTraceWriter, open_channel_writer
 
+from jaxcalib.check.scenario_check import check_case
 from jaxcalib.importers.import_case import import_case
 from jaxcalib.importers.osi import read_recording
-from jaxcalib.problem.scenario_check import check_case
 
 STEP_S, LASTS_S, BEGIN_S = 0.1, 12.0, 300.0
 EPOCH_S = 1_700_000_000  # clocks of recorders start in 1970

@@ -9,11 +9,11 @@ import pytest
 
 pytest.importorskip("rosbags", reason="the extra 'rosbag' is not installed")
 
+from jaxcalib.check.scenario_check import check_case
 from jaxcalib.errors import CaseError
 from jaxcalib.importers.import_case import import_case
 from jaxcalib.importers.importer import ImportOptions
 from jaxcalib.importers.planes import plane_of
-from jaxcalib.problem.scenario_check import check_case
 from tests.jaxcalib.importers.ros_bags import (
     HEX,
     OBJECTS,

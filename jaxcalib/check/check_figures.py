@@ -10,9 +10,9 @@ from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from jaxcalib.check.check_records import NUMBER_OF, STAYS, DriveRecord, LogRecords
+from jaxcalib.check.check_road import evenly
 from jaxcalib.html.drawing import BEFORE, FIELD, STYLE, svg, svg_text
-from jaxcalib.problem.check_records import NUMBER_OF, STAYS, DriveRecord, LogRecords
-from jaxcalib.problem.check_road import evenly
 from sim_adapters.units import kmh_from_mps
 
 WIDTH_IN = 11.0

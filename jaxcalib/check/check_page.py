@@ -6,9 +6,7 @@ from typing import Any
 from markupsafe import Markup
 
 from jaxcalib.case.case import Case, Drive
-from jaxcalib.errors import shorten
-from jaxcalib.html.page import render_page
-from jaxcalib.problem.check_figures import (
+from jaxcalib.check.check_figures import (
     ALIKE,
     FASTER,
     FULL_COLOUR_MPS,
@@ -18,8 +16,10 @@ from jaxcalib.problem.check_figures import (
     drive_figures,
     map_figure,
 )
-from jaxcalib.problem.check_records import KINDS, DriveRecord, LogRecords, log_records
-from jaxcalib.problem.scenario_check import CaseCheck
+from jaxcalib.check.check_records import KINDS, DriveRecord, LogRecords, log_records
+from jaxcalib.check.scenario_check import CaseCheck
+from jaxcalib.errors import shorten
+from jaxcalib.html.page import render_page
 from jaxcalib.runs.disk import writing_to
 from sim_adapters.atomic_file import write_atomically
 from sim_adapters.units import kmh_from_mps

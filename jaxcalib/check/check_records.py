@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from jaxcalib.case.case import Case, Drive
+from jaxcalib.check.check_road import CrossSection, cross_section, evenly, lane_lines, map_plane
 from jaxcalib.errors import CaseError
 from jaxcalib.field.drive_logs import DriveLogs
 from jaxcalib.field.field_log import DriveTables
@@ -15,7 +16,6 @@ from jaxcalib.field.log_tables import CLOCK_TOLERANCE_S, ObjectLog, SubjectLog, 
 from jaxcalib.field.map_matching import lane_centre_m, match_lanes
 from jaxcalib.field.physics.impossible_tracks import WORDS
 from jaxcalib.field.physics.motion import LONGEST_STEP_S
-from jaxcalib.problem.check_road import CrossSection, cross_section, evenly, lane_lines, map_plane
 
 HALF_WINDOW_S = 1.0  # before and after: places are off by a metre or so, which the way in two seconds outweighs
 MOVES_MPS = 0.5

@@ -11,17 +11,17 @@ import pandas as pd
 import pytest
 
 from jaxcalib.case.case import Case, read_case
+from jaxcalib.check import scenario_check
+from jaxcalib.check.check_figures import MOST_POINTS, thinned
+from jaxcalib.check.check_page import check_html
+from jaxcalib.check.check_records import STAYS, DriveRecord, log_records, shown_speed_mps
+from jaxcalib.check.check_road import cross_section
+from jaxcalib.check.scenario_check import CaseCheck
 from jaxcalib.cli.app import check
 from jaxcalib.cli.guarded import EXIT_CASE_WRONG
 from jaxcalib.field.drive_logs import DriveLogs, judge_without_road, read_drives
 from jaxcalib.field.field_log import DriveCounts
 from jaxcalib.field.route_geometry import build_route_geometry
-from jaxcalib.problem import scenario_check
-from jaxcalib.problem.check_figures import MOST_POINTS, thinned
-from jaxcalib.problem.check_page import check_html
-from jaxcalib.problem.check_records import STAYS, DriveRecord, log_records, shown_speed_mps
-from jaxcalib.problem.check_road import cross_section
-from jaxcalib.problem.scenario_check import CaseCheck
 from sim_adapters.scenario.scenario import Scenario
 from tests.places import CORRIDOR
 
