@@ -1,7 +1,7 @@
 """What both simulators show at the scenario's demand before any search: whether they agree, and what drives see there.
 
-They are compared twice: at the scenario's own values, and with the drivers that the logs show, where the search begins.
-Where they agree at neither, it is tried whether their difference is the same at both, for then it can be corrected.
+They are compared at the scenario's own values and, where they do not agree there, with the drivers that the logs show:
+there the search begins, and a road that jams with the scenario's drivers may not jam with real ones.
 """
 
 from collections.abc import Callable
@@ -31,7 +31,6 @@ class FirstLook:
 
     Attributes:
         agreements: surrogate against SUMO, in the order in which they were compared.
-        learnt: the comparison by which the surrogate has to be corrected; None where it need not be.
         agrees: whether the surrogate may make the search's runs.
         warnings: what a user should know of the scenario's runs, one line each.
     """
@@ -58,7 +57,6 @@ class FirstLook:
         self._problem, self._surrogate, self._sumo = problem, surrogate, sumo
         self._plan, self._session, self._scenario_runs = plan, session, scenario_runs
         self.agreements: list[Agreement] = []
-        self.learnt: Agreement | None = None
         self.agrees = surrogate is not None
         self.warnings: list[str] = []
 
@@ -94,14 +92,9 @@ class FirstLook:
         if not len(theirs):
             self.agrees = False
             return theirs
-        for learnt in (None, first):
-            where = WITH_LOGGED_DRIVERS + (", corrected by what the scenario's values showed" if learnt else "")
-            self.agreements.append(compare_sections(problem, ours.sum(axis=0), theirs, where, learnt))
-            if self.agreements[-1].holds:
-                self.learnt = learnt
-                return ours if learnt is None else theirs
-        self.agrees = False
-        return theirs
+        self.agreements.append(compare_sections(problem, ours.sum(axis=0), theirs, WITH_LOGGED_DRIVERS))
+        self.agrees = self.agreements[-1].holds
+        return ours if self.agrees else theirs
 
 
 def successful_tallies(

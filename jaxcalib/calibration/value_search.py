@@ -110,7 +110,7 @@ def search_values(
     with session.stopwatch.time("confirmation"):
         confirmation = confirm(found, initial, evaluator, confirming, plan, session)
         if not is_in_sumo:
-            agreement = _agreement_of_result(problem, confirmation, look.learnt)
+            agreement = _agreement_of_result(problem, confirmation)
             agreements.append(agreement)
             if may_leave_surrogate and not agreement.holds:
                 session.progress.notes([f"{agreement}; so the search goes on in SUMO."])
@@ -149,11 +149,8 @@ def _surrogate_evaluator(problem: CalibrationProblem, engine: JaxSimulator, sess
     )
 
 
-def _agreement_of_result(
-    problem: CalibrationProblem, confirmation: Confirmation, learnt: Agreement | None
-) -> Agreement:
-    """Compare both simulators at the values that the search found, the surrogate corrected where it has to be."""
+def _agreement_of_result(problem: CalibrationProblem, confirmation: Confirmation) -> Agreement:
+    """Compare both simulators at the values that the search found."""
     in_surrogate = confirmation.confirmed[confirmation.winner].surrogate
     in_sumo = confirmation.finalists[confirmation.winner].tallies
-    where = "at the values found" + (", corrected by what the scenario's values showed" if learnt else "")
-    return compare_sections(problem, in_surrogate, in_sumo, where, learnt)
+    return compare_sections(problem, in_surrogate, in_sumo, "at the values found")

@@ -1,6 +1,7 @@
 """From section [log] of case.toml to the form of the tables: units by pint, places by pyproj."""
 
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 from jaxcalib.case.case_file import FILE_NAME
@@ -9,19 +10,24 @@ from jaxcalib.case.log_section import ColumnsSection, LogSection
 from jaxcalib.errors import CaseError, quote, shorten
 
 
-def log_form_of(section: LogSection | None) -> LogForm:
+def log_form_of(section: LogSection | None, file: Path | str = FILE_NAME) -> LogForm:
     """Return how tables are written.
+
+    Args:
+        section: the section; None for Table 1.
+        file: where it stands, for messages.
 
     Raises:
         CaseError: a unit or a coordinate reference system is unknown, or the unit is one of something else.
     """
     if section is None:
         return LogForm()
-    common = _columns("columns", section.columns)
-    _check_crs(section.crs)
+    common = _columns(file, "columns", section.columns)
+    if section.crs is not None:
+        check_crs(section.crs, file, "log.crs")
     return LogForm(
-        subject=common | _columns("subject_columns", section.subject_columns),
-        objects=common | _columns("object_columns", section.object_columns),
+        subject=common | _columns(file, "subject_columns", section.subject_columns),
+        objects=common | _columns(file, "object_columns", section.object_columns),
         absent=frozenset(section.absent),
         first_lane=section.first_lane,
         lanes_from=section.lanes_from,
@@ -32,11 +38,13 @@ def log_form_of(section: LogSection | None) -> LogForm:
     )
 
 
-def _columns(key: str, section: ColumnsSection | None) -> dict[str, LogColumn]:
+def _columns(file: Path | str, key: str, section: ColumnsSection | None) -> dict[str, LogColumn]:
     if section is None:
         return {}
     return {
-        column: LogColumn(entry.column, _factor(f"log.{key}.{column}.unit", entry.unit, column), entry.zero or 0.0)
+        column: LogColumn(
+            entry.column, _factor(file, f"log.{key}.{column}.unit", entry.unit, column), entry.zero or 0.0
+        )
         for column in section.__struct_fields__
         if (entry := getattr(section, column)) is not None
     }
@@ -49,11 +57,11 @@ def _registry() -> Any:
     return pint.UnitRegistry()
 
 
-def _factor(place: str, unit: str | None, column: str) -> float:
+def _factor(file: Path | str, place: str, unit: str | None, column: str) -> float:
     if unit is None:
         return 1.0
     if column not in UNITS:
-        raise CaseError(FILE_NAME, place, f"expected none, for {column} has no unit; got {quote(unit)}.")
+        raise CaseError(file, place, f"expected none, for {column} has no unit; got {quote(unit)}.")
     import pint  # half a second, as its registry, which most cases need not spend
 
     try:
@@ -62,12 +70,11 @@ def _factor(place: str, unit: str | None, column: str) -> float:
         expected = f"expected a unit that can be turned into {UNITS[column]}, got {quote(unit)}."
     except Exception:  # whatever the library makes of text that is no unit: its own errors, Python's, the tokenizer's
         expected = f"expected a unit as pint knows them (m/s, mph, ft, deg, ms), got {quote(unit)}."
-    raise CaseError(FILE_NAME, place, expected)
+    raise CaseError(file, place, expected)
 
 
-def _check_crs(crs: str | None) -> None:
-    if crs is None:
-        return
+def check_crs(crs: str, file: Path | str, place: str) -> None:
+    """Raise a CaseError for what names no coordinate reference system."""
     from pyproj import CRS
     from pyproj.exceptions import CRSError
 
@@ -75,4 +82,4 @@ def _check_crs(crs: str | None) -> None:
         CRS.from_user_input(crs)
     except CRSError as error:
         expected = f'expected a coordinate reference system, for example "EPSG:25832": {shorten(str(error), 150)}'
-        raise CaseError(FILE_NAME, "log.crs", expected) from None
+        raise CaseError(file, place, expected) from None

@@ -153,7 +153,14 @@ def import_(
     def work() -> str:
         return "\n".join([*import_case(form, source, out, options), f"{out / 'case.toml'} is written."])
 
-    return guarded(work, "nothing was written.") or check(out)
+    if code := guarded(work, "nothing was written."):
+        return code
+    if code := check(out):
+        print(
+            f"jaxcalib: {out} is kept, with {out / 'check.html'}: mend it, or remove it and import again.",
+            file=sys.stderr,
+        )
+    return code
 
 
 @app.command

@@ -263,5 +263,5 @@ def _check_type(file: Path, column: str, kind: Kind, given: pa.DataType) -> None
     nothing = pa.types.is_null(given)  # a column without any value
     if kind == "number" and not (is_number or nothing):
         raise CaseError(file, f"column {column}", f"expected numbers, got {given}.")
-    if kind == "text" and not (is_text or nothing or pa.types.is_integer(given)):
+    if kind == "text" and not (is_text or nothing or pa.types.is_integer(given) or pa.types.is_floating(given)):
         raise CaseError(file, f"column {column}", f"expected text or whole numbers, got {given}.")

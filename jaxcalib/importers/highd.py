@@ -31,9 +31,16 @@ def read_recording(source: Path, options: ImportOptions) -> Imported:
     """
     files = _tracks_in(source)
     tables, said, limits = [], [], []
+    places: set[str] = set()
     crs: str | None = None
     for file in files:
         meta = read_table(_beside(file, "recordingMeta")).iloc[0]
+        places.add(str(meta.get("locationId", "")))
+        if len(places) > 1:
+            expected = (
+                f"expected recordings of one place, got locationId {', '.join(sorted(places))}; import them apart."
+            )
+            raise CaseError(file, "", expected)
         tracks, own = read_table(file), read_table(_beside(file, "tracksMeta"))
         if "xCenter" in tracks:
             table, crs = _exid(file, tracks, own, meta)

@@ -4,7 +4,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
-from jaxcalib.case.case import Role
 from jaxcalib.importers.data_frame import Frame
 
 USUAL_RANGE_M = 150.0
@@ -45,7 +44,7 @@ class ImportedDrive:
     id: str
     subject: Frame
     objects: Frame
-    role: Role | None = None  # None where the roles are left to whoever makes the case
+    is_probe: bool = False  # whether somebody else saw its vehicle: drives are in the order of time then
 
 
 @dataclass(frozen=True)

@@ -62,6 +62,10 @@ def read_recording(source: Path, options: ImportOptions) -> Imported:
     if not main.all():
         said.append(f"{int((~main).sum())} of {len(table)} rows on auxiliary lanes and ramps are left out.")
     table = table[main]
+    places = sorted(set(table["location"])) if "location" in table else []
+    if len(places) > 1:
+        expected = f"expected one location, got {', '.join(places)}; cut the table into parts, one for each."
+        raise CaseError(source, "column Location", expected)
     table = table.assign(lane=table["lane"].rank(method="dense").astype(int))
     if table.empty:
         raise CaseError(source, "", "expected vehicles on main lanes; there is none.")

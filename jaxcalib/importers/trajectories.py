@@ -53,7 +53,8 @@ def completed(table: Frame) -> Frame:
     Args:
         table: columns time_s, vehicle, x_m and y_m at least.
     """
-    table = table.sort_values(["vehicle", "time_s"], kind="stable").reset_index(drop=True)
+    table = table.dropna(subset=["vehicle", "time_s"]).sort_values(["vehicle", "time_s"], kind="stable")
+    table = table.drop_duplicates(["vehicle", "time_s"]).reset_index(drop=True)
     for name in ("acceleration_mps2", "lane", "length_m"):
         if name not in table:
             table[name] = np.nan

@@ -27,6 +27,7 @@ OPTIONAL = ("speed_kmh", "acceleration_mps2", "lane", "length_m")
 USUAL_LANE_M = 3.6
 USUAL_LENGTH_M = 4.6
 MOST_LANES = 8
+ALONG, MOST_ALONG = 0.95, 0.9  # cosine of the direction, and share of the rows
 
 
 def read_recording(source: Path, options: ImportOptions) -> Imported:
@@ -38,7 +39,7 @@ def read_recording(source: Path, options: ImportOptions) -> Imported:
     Raises:
         CaseError: a column is missing, or cannot be read.
     """
-    form = TABLE_1 if options.mapping is None else log_form_of(read_log_section(options.mapping)[0])
+    form = TABLE_1 if options.mapping is None else log_form_of(read_log_section(options.mapping)[0], options.mapping)
     if options.crs is not None:
         form = replace(form, crs=options.crs)
     names = our_names(source, form.objects)
@@ -57,8 +58,10 @@ def read_recording(source: Path, options: ImportOptions) -> Imported:
     drives = virtual_probes([recording], options)
     said.append(f"{len(drives)} of the vehicles as subject vehicles.")
     main = table[table["lane"].between(1, MOST_LANES)]
-    main = main.assign(lane=main["lane"].rank(method="dense"))
-    road = straight_road_of(main) if is_straight and options.config is None and len(main) else None
+    road = None
+    if is_straight and options.config is None and len(main):
+        _check_direction(source, main)
+        road = straight_road_of(main)
     return Imported(tuple(drives), tuple(said), road)
 
 
@@ -93,7 +96,8 @@ def _placed(
     """The table with x_m, y_m and lanes from the right, the plane's name, and whether it may be a straight road's."""
     if "lane" in table:
         lane = table["lane"] + (1 - form.first_lane)
-        table = table.assign(lane=lane.max() + 1 - lane if form.lanes_from == "left" else lane)
+        lane = lane.max() + 1 - lane if form.lanes_from == "left" else lane
+        table = table.assign(lane=lane.rank(method="dense"))  # from 1, whichever lanes were recorded
     numbers = columns.numbers
     if place == ("x_m", "y_m"):
         is_straight = form.crs is None
@@ -104,6 +108,18 @@ def _placed(
     if place[0] == "position_m":
         return table.assign(x_m=numbers["position_m"], y_m=(table["lane"] - 0.5) * USUAL_LANE_M), None, True
     return _on_edges(source, table, columns, options), None, False
+
+
+def _check_direction(source: Path, table: Frame) -> None:
+    """Raise a CaseError where traffic does not move along +x, as on a road that is to be made of it."""
+    along = np.cos(table["heading_rad"].to_numpy(float))
+    share = float(np.nanmean(along > ALONG))
+    if share < MOST_ALONG:
+        expected = (
+            f"expected traffic along +x, with y to its left, to make a road of it; {1.0 - share:.0%} of the rows move "
+            "otherwise. Turn the places, keep one direction, or give --scenario."
+        )
+        raise CaseError(source, "columns x_m and y_m", expected)
 
 
 def _on_edges(source: Path, table: Frame, columns: ColumnTable, options: ImportOptions) -> Frame:

@@ -1,7 +1,7 @@
 """Logs as automated vehicles would have recorded them, had chosen vehicles of a recording been such."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 import pandas as pd
@@ -20,7 +20,6 @@ FARTHEST_ASIDE_M = 40.0  # beyond the other carriageway nobody is looked at
 LONG_DRIVE = 0.6  # of the time that a long stay takes: shorter ones are no probes
 LONG_STAY = 90.0  # percentile
 LEAST_DRIVE_S = 5.0
-HELD_OUT_SHARE = 1 / 3
 
 
 @dataclass
@@ -47,7 +46,7 @@ class _Rows:
 
 
 def virtual_probes(recordings: Sequence[Recording], options: ImportOptions) -> list[ImportedDrive]:
-    """Make drives of chosen vehicles; those of the last third of the time are held out.
+    """Make drives of chosen vehicles; they come in the order of time.
 
     A recording is read twice, slice by slice, so it may be longer than memory.
 
@@ -67,17 +66,23 @@ def virtual_probes(recordings: Sequence[Recording], options: ImportOptions) -> l
         for vehicle, rows in _look_around(recording, chosen, options).items():
             name = f"{recording.id}-{vehicle}" if len(recordings) > 1 else vehicle
             drives.append(_drive(name, rows, recording, options))
+    if not some:
+        raise CaseError("command line", "SOURCE", "expected vehicles; the recording has none.")
     if missing:
         expected = f"expected a vehicle of the recording, got {quote(min(missing))}; it has {some} ..."
         raise CaseError("command line", "--subject", expected)
     if not drives:
         raise CaseError("command line", "SOURCE", f"expected a vehicle that stays for {LEAST_DRIVE_S:g} s at least.")
-    return _with_roles(drives)
+    return drives
 
 
 def _thinned(recording: Recording) -> Iterator[Slice]:
-    last_s = -np.inf
+    last_s = before_s = -np.inf
     for one in recording.slices():
+        if one.time_s < before_s:
+            expected = f"expected times that rise, got {one.time_s:.10g} after {before_s:.10g} s."
+            raise CaseError("command line", "SOURCE", expected)
+        before_s = one.time_s
         if one.time_s - last_s >= LEAST_STEP_S - 1e-6:
             last_s = one.time_s
             yield one
@@ -186,10 +191,5 @@ def _drive(name: str, rows: _Rows, recording: Recording, options: ImportOptions)
         name,
         with_places(subject, recording.crs, SUBJECT_COLUMNS),
         with_places(objects, recording.crs, OBJECT_COLUMNS),
+        is_probe=True,
     )
-
-
-def _with_roles(drives: list[ImportedDrive]) -> list[ImportedDrive]:
-    """Hold out the last third: it meets other traffic than the drives to fit, as far as the recordings go."""
-    num_fit = len(drives) - (max(1, round(HELD_OUT_SHARE * len(drives))) if len(drives) > 1 else 0)
-    return [replace(drive, role="fit" if number < num_fit else "held_out") for number, drive in enumerate(drives)]

@@ -79,7 +79,7 @@ def make_case(
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise CaseError(folder, "", "expected an empty folder, or a path where none is yet.")
     section, log_text = (None, "") if log_file is None else read_log_section(log_file)
-    form = log_form_of(section)
+    form = log_form_of(section, log_file or FILE_NAME)
     drives, left_out = read_recorded_drives(tables, form)
     was_there = folder.is_dir()
     with writing_to(folder):

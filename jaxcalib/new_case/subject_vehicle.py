@@ -40,6 +40,16 @@ def find_subject(configuration: SumoConfiguration, route: Sequence[str]) -> tupl
     return None
 
 
+def subject_edges(configuration: SumoConfiguration) -> tuple[str, ...]:
+    """Edges that the scenario's subject vehicle names, found by a usual id; none where there is no such vehicle."""
+    elements = _elements(configuration)
+    routes = {element.get("id"): element.get("edges", "").split() for element in elements if element.tag == "route"}
+    for element in elements:
+        if element.tag in ("vehicle", "trip") and (element.get("id") or "").lower() in USUAL_IDS:
+            return tuple(_edges(element, routes))
+    return ()
+
+
 def _elements(configuration: SumoConfiguration) -> list[ET.Element]:
     files = (*configuration.additional_files, *configuration.route_files)
     return [element for file in files for element in read_xml(file)]

@@ -20,6 +20,7 @@ CLEARLY_BETTER = 0.5  # of what is left unexplained, that another reading must l
 MOST_LEFT = 0.35  # of the changes of the gap; with more nothing is explained
 LEAST_LEFT_M = 0.5  # per window, by the table's own reading; below it everything agrees
 LEAST_CHANGE_M, LEAST_CORRELATION = 1.5, 0.3  # of gap and speeds in a window, with which they have something in common
+MUCH_MORE = 5.0  # times the usual change of the gap, by which the speeds miss it
 JUMP_M = 6.0  # of the gap in a step, beyond its changes before and after: more than the length of a car
 NEIGHBOURS = 9  # steps
 HELD_S, HELD_M = 3.0, 3.0  # a gap that stands still for so long while speeds alone would change it by so much
@@ -117,6 +118,9 @@ def _nothing_in_common(
     if len(changed_m) < FEWEST_WINDOWS:
         return None
     apart_m = leader_m - follower_m
+    left_m, usual_m = float(np.median(np.abs(changed_m - apart_m))), float(np.median(np.abs(changed_m)))
+    if left_m > MUCH_MORE * max(usual_m, LEAST_LEFT_M):
+        return f"the speeds would change the gap by {left_m:.0f} m more in {WINDOW_STEPS * STEP_S:g} s than it changes."
     if min(float(np.median(np.abs(changed_m))), float(np.std(apart_m))) < LEAST_CHANGE_M:
         return None
     if np.corrcoef(changed_m, apart_m)[0, 1] >= LEAST_CORRELATION:

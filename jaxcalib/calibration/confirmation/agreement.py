@@ -75,7 +75,6 @@ def compare_sections(
     surrogate: Float[np.ndarray, " tally"],
     sumo: Float[np.ndarray, "run tally"],
     where: str,
-    learnt: Agreement | None = None,
 ) -> Agreement:
     """Compare mean speeds by section.
 
@@ -84,8 +83,6 @@ def compare_sections(
         surrogate: pooled tallies of the surrogate's runs.
         sumo: tallies of each of SUMO's runs on the same drives, of the same values.
         where: which point, for people.
-        learnt: comparison at another point, by whose ratios of speeds the surrogate's are corrected; None to take them
-            as they are. What is left then is what a search that corrects the surrogate does not see.
     """
     sections, index = range(problem.road.num_sections), problem.tally_index
     frames = np.asarray([index[f"section_frames[{section}]"] for section in sections])
@@ -96,22 +93,10 @@ def compare_sections(
             return tally[speed] / tally[frames]
 
     sumo_mps, error_mps = jackknife(sumo, mean_mps)
-    ratio = (
-        np.ones(len(frames)) if learnt is None else _ratios(learnt, np.asarray(problem.road.section_border_m, float))
-    )
-    rows = np.stack([ratio * mean_mps(surrogate), sumo_mps, np.nan_to_num(error_mps)], axis=1)
+    rows = np.stack([mean_mps(surrogate), sumo_mps, np.nan_to_num(error_mps)], axis=1)
     border_m = np.asarray(problem.road.section_border_m, float)
     seen = np.flatnonzero(np.isfinite(sumo_mps))
     return Agreement(
         where,
         tuple(SectionSpeed(float(border_m[at]), float(border_m[at + 1]), *map(float, rows[at])) for at in seen),
     )
-
-
-def _ratios(learnt: Agreement, border_m: Float[np.ndarray, " border"]) -> Float[np.ndarray, " section"]:
-    """SUMO's mean speed by the surrogate's in each section; 1 where either saw nobody."""
-    ratio = np.ones(len(border_m) - 1)
-    for section in learnt.sections:
-        if section.surrogate_mps > 0.0 and section.sumo_mps > 0.0:
-            ratio[int(np.argmin(np.abs(border_m[:-1] - section.begin_m)))] = section.sumo_mps / section.surrogate_mps
-    return ratio

@@ -68,6 +68,8 @@ def _errors(
     moment = np.zeros((num_blocks, len(value)))
     np.add.at(normal, number, weight[:, None, None] * design[:, :, None] * design[:, None, :])
     np.add.at(moment, number, weight[:, None] * design * target[:, None])
+    if not normal.any():
+        return np.full(len(value), np.inf)
     ridge = 1e-9 * np.trace(normal.sum(axis=0)) * np.eye(len(value))
     without = np.linalg.solve(normal.sum(axis=0) - normal + ridge, (moment.sum(axis=0) - moment)[..., None])[..., 0]
     departures = without - without.mean(axis=0)

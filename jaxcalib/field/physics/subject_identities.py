@@ -28,6 +28,7 @@ LEAST_DRIVEN_M = 200.0  # in all windows; who stands still contradicts nothing
 LEAST_SPEED_CHANGE_MPS = 0.3  # typical change in a window that accelerations can be judged by
 LEAST_TURN_RAD = 0.005  # the same of the route's turn
 FAST, MOST_FAST = 1.5, 0.5  # times the limit, and share of the rows: nobody drives so for long
+TO_BE_ABSENT = "; leave the column empty, or name it in absent under [log], and they are taken from the speeds."
 LEAST_LATERAL_M = 0.7  # from where the lanes are, of all places
 WIDEST_M = 1.6  # beyond it places lie in another lane
 
@@ -134,6 +135,9 @@ def _judge_acceleration(windows: SubjectWindows, motion: DriveMotion) -> list[Co
     faster_mps = speed_scale(windows) * windows.faster_mps  # speeds of another unit are told already
     if not known.any() or np.nanstd(faster_mps[known]) < LEAST_SPEED_CHANGE_MPS:
         return []
+    if not windows.accelerated_mps[known].any():
+        words = f"accelerations are all 0 while the speed changes{TO_BE_ABSENT}"
+        return [Contradiction("acceleration", motion.subject_file, "acceleration_mps2", words, (motion.id,), False)]
     fit = fit_linear(windows.accelerated_mps[:, None], faster_mps, windows.block)
     if fit is None or not fit.is_off(0, 1.0, ACCELERATION_OFF, SIGNIFICANT):
         return []
@@ -141,7 +145,7 @@ def _judge_acceleration(windows: SubjectWindows, motion: DriveMotion) -> list[Co
     explained = 1.0 - fit.scatter / max(float(np.median(np.abs(faster_mps[known]))), 1e-9)
     unit = unit_of(scale, ACCELERATION_UNITS)
     if explained < 0.3:
-        words, is_refused = "accelerations have nothing to do with how the speed changes; they are not used.", False
+        words, is_refused = f"accelerations have nothing to do with how the speed changes{TO_BE_ABSENT}", False
     elif scale < -0.5:
         words, is_refused = "accelerations have the opposite sign of the change of speed; + is speeding up.", True
     elif unit:

@@ -55,23 +55,6 @@ def test_one_section_that_jams_in_one_of_them_is_named(
     assert json.loads(json.dumps(agreement.as_table()))["sections"][1]["is_alike"] is False
 
 
-def test_a_difference_that_is_the_same_elsewhere_is_corrected(
-    small_problem: CalibrationProblem, speed_mps: np.ndarray
-) -> None:
-    """A surrogate that is always as much too slow in a section suffices; one that is so by chance of the values not."""
-    slow, faster = speed_mps.copy(), 1.2 * speed_mps
-    slow[1] *= 0.6
-    learnt = compare_sections(
-        small_problem, tally_of(small_problem, slow), runs_at(small_problem, speed_mps), "at the scenario's values"
-    )
-    assert not learnt.holds
-    in_sumo = runs_at(small_problem, faster)
-    same = compare_sections(small_problem, tally_of(small_problem, 1.2 * slow), in_sumo, "elsewhere", learnt)
-    assert same.holds
-    assert [one.surrogate_mps for one in same.sections] == pytest.approx(faster.tolist())
-    assert not compare_sections(small_problem, tally_of(small_problem, faster), in_sumo, "elsewhere", learnt).holds
-
-
 def test_what_chance_in_sumo_s_runs_explains_is_no_disagreement(
     small_problem: CalibrationProblem, speed_mps: np.ndarray
 ) -> None:
