@@ -12,7 +12,7 @@ from jaxcalib.importers.data_frame import Frame
 from jaxcalib.importers.importer import Imported, ImportedDrive, ImportOptions
 from jaxcalib.importers.planes import plane_of
 from jaxcalib.importers.recorded_drive import recorded_drive
-from jaxcalib.importers.tables import read_table
+from jaxcalib.importers.tables import read_table, with_numbers
 
 TABLES = (".csv", ".csv.gz", ".parquet")
 USUAL_LENGTH_M = 4.8  # from the rear that a radar sees to the front bumper
@@ -65,7 +65,7 @@ def _tables_in(folder: Path) -> list[Path]:
 
 
 def _read(folder: Path) -> _Segment:
-    tables = [_renamed(read_table(file)) for file in _tables_in(folder)]
+    tables = [_numbers(file, _renamed(read_table(file))) for file in _tables_in(folder)]
 
     def having(columns: Sequence[str], what: str) -> Frame:
         found = [table for table in tables if set(columns) <= set(table)]
@@ -77,16 +77,23 @@ def _read(folder: Path) -> _Segment:
     return _Segment(having(RADAR, "radar tracks"), having(CAR, "car state"), having(PLACE, "location"))
 
 
-def _renamed(table: Frame) -> Frame:
-    names = {theirs: ours for ours, several in NAMES.items() for theirs in several[::-1]}
-    table = table.rename(columns={theirs: names[theirs] for theirs in table if theirs in names})
-    table = table.loc[:, ~table.columns.duplicated()]
-    if "time_s" in table and float(table["time_s"].iloc[0]) > NANOSECONDS:
+def _numbers(file: Path, table: Frame) -> Frame:
+    table = with_numbers(file, table, [name for name in NAMES if name in table and name != "vehicle_id"])
+    if "time_s" in table and float(table["time_s"].max()) > NANOSECONDS:
         table = table.assign(time_s=table["time_s"] * 1e-9)
     return table
 
 
+def _renamed(table: Frame) -> Frame:
+    names = {theirs: ours for ours, several in NAMES.items() for theirs in several[::-1]}
+    table = table.rename(columns={theirs: names[theirs] for theirs in table if theirs in names})
+    return table.loc[:, ~table.columns.duplicated()]
+
+
 def _drive(folder: Path, segment: _Segment, options: ImportOptions, said: list[str]) -> ImportedDrive:
+    if len(place := segment.place.dropna(subset=list(PLACE))) < 2:
+        expected = f"expected two rows at least with time, latitude and longitude; got {len(place)}."
+        raise CaseError(folder, "", expected)
     car = segment.car.sort_values("time_s").dropna(subset=["time_s", "speed_mps"])
     place = segment.place.sort_values("time_s").dropna(subset=["time_s", "latitude_deg", "longitude_deg"])
     x_m, y_m, crs = plane_of(place["longitude_deg"].to_numpy(float), place["latitude_deg"].to_numpy(float))

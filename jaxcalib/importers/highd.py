@@ -12,11 +12,13 @@ from jaxcalib.importers.data_frame import Frame
 from jaxcalib.importers.importer import Imported, ImportOptions, StraightRoad
 from jaxcalib.importers.planes import utm_at
 from jaxcalib.importers.straight_road import straight_road_of
-from jaxcalib.importers.tables import read_table
+from jaxcalib.importers.tables import read_table, with_numbers
 from jaxcalib.importers.trajectories import Recording, completed, slices_of
 from jaxcalib.importers.virtual_probes import virtual_probes
 
 TRACKS = re.compile(r"(\d+)_tracks\.(csv|csv\.gz|parquet)", re.IGNORECASE)
+HIGHD_COLUMNS = ("frame", "id", "x", "y", "width", "height", "xVelocity", "xAcceleration", "laneId")
+EXID_COLUMNS = ("frame", "trackId", "xCenter", "yCenter", "heading", "lonVelocity", "lonAcceleration")
 UPPER, LOWER = 1, 2  # drivingDirection: to the left in the upper half of the picture, to the right in the lower
 
 
@@ -34,7 +36,8 @@ def read_recording(source: Path, options: ImportOptions) -> Imported:
     places: set[str] = set()
     crs: str | None = None
     for file in files:
-        meta = read_table(_beside(file, "recordingMeta")).iloc[0]
+        of_recording = _beside(file, "recordingMeta")
+        meta = with_numbers(of_recording, read_table(of_recording), ("frameRate",)).iloc[0]
         places.add(str(meta.get("locationId", "")))
         if len(places) > 1:
             expected = (
@@ -81,17 +84,13 @@ def _beside(tracks: Path, what: str) -> Path:
     return file
 
 
-def _need(file: Path, table: Frame, columns: Sequence[str]) -> None:
-    missing = [name for name in columns if name not in table]
-    if missing:
-        raise CaseError(file, f"column {missing[0]}", "expected this column of highD's; it is not there.")
-
-
 def _highd(file: Path, tracks: Frame, own: Frame, meta: Frame, said: list[str]) -> Frame:
     """The carriageway with more vehicles, turned so that traffic moves along +x and y is to the left."""
-    _need(file, tracks, ("frame", "id", "x", "y", "width", "height", "xVelocity", "xAcceleration", "laneId"))
-    _need(_beside(file, "tracksMeta"), own, ("id", "drivingDirection"))
+    tracks = with_numbers(file, tracks, HIGHD_COLUMNS)
+    own = with_numbers(_beside(file, "tracksMeta"), own, ("id", "drivingDirection"))
     counts = own["drivingDirection"].value_counts()
+    if counts.empty:
+        raise CaseError(_beside(file, "tracksMeta"), "column drivingDirection", "expected 1 or 2; it is empty.")
     direction = int(counts.idxmax())
     if len(counts) > 1:
         what = "upper" if direction == UPPER else "lower"
@@ -118,8 +117,8 @@ def _highd(file: Path, tracks: Frame, own: Frame, meta: Frame, said: list[str]) 
 
 def _exid(file: Path, tracks: Frame, own: Frame, meta: Frame) -> tuple[Frame, str]:
     """All vehicles, in the UTM zone of the place; centres of boxes are moved to the front."""
-    _need(file, tracks, ("frame", "trackId", "xCenter", "yCenter", "heading", "lonVelocity", "lonAcceleration"))
-    _need(_beside(file, "tracksMeta"), own, ("trackId", "length"))
+    tracks = with_numbers(file, tracks, EXID_COLUMNS)
+    own = with_numbers(_beside(file, "tracksMeta"), own, ("trackId", "length"))
     length_m = tracks["trackId"].map(own.set_index("trackId")["length"])
     heading = np.radians(tracks["heading"])
     table = pd.DataFrame(

@@ -13,7 +13,7 @@ from jaxcalib.importers.data_frame import Frame
 from jaxcalib.importers.importer import Imported, ImportOptions
 from jaxcalib.importers.planes import plane_of
 from jaxcalib.importers.straight_road import straight_road_of
-from jaxcalib.importers.tables import read_table
+from jaxcalib.importers.tables import read_table, with_numbers
 from jaxcalib.importers.trajectories import Recording, completed, slices_of
 from jaxcalib.importers.virtual_probes import virtual_probes
 
@@ -80,6 +80,9 @@ def read_recording(source: Path, options: ImportOptions) -> Imported:
 
 
 def _renamed(source: Path, table: Frame, names: Mapping[str, str], needed: tuple[str, ...]) -> Frame:
+    texts = ("vehicle", "location", "segment")
+    numbers = [name for name, ours in names.items() if name in table and ours not in texts]
+    table = with_numbers(source, table, numbers)
     table = table[[name for name in names if name in table]].rename(columns=dict(names))
     missing = [name for name, ours in names.items() if ours in needed and ours not in table]
     if missing:

@@ -3,11 +3,12 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+import pandas as pd
 import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet
 
-from jaxcalib.errors import CaseError, shorten
+from jaxcalib.errors import CaseError, quote, shorten
 from jaxcalib.importers.data_frame import Frame
 
 LARGEST_BYTES = 8 * 1024**3  # after unpacking, of the columns that are read
@@ -43,3 +44,22 @@ def read_table(file: Path, columns: Sequence[str] | None = None) -> Frame:
     if table.num_rows == 0:
         raise CaseError(file, "", "expected rows; there are none.")
     return table.to_pandas()
+
+
+def with_numbers(file: Path, table: Frame, columns: Sequence[str]) -> Frame:
+    """A table whose columns hold numbers, nan where they are empty.
+
+    Raises:
+        CaseError: a column is not there, or holds something else.
+    """
+    numbers = {}
+    for column in columns:
+        if column not in table:
+            has = ", ".join(map(str, table.columns))[:120]
+            raise CaseError(file, f"column {column}", f"expected this column; the file has {has}.")
+        numbers[column] = pd.to_numeric(table[column], errors="coerce")
+        wrong = numbers[column].isna() & table[column].notna() & (table[column].astype(str).str.strip() != "")
+        if wrong.any():
+            found = quote(str(table[column][wrong].iloc[0]))
+            raise CaseError(file, f"column {column}", f"expected numbers, got {found}.")
+    return table.assign(**numbers)
