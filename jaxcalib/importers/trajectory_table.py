@@ -97,7 +97,8 @@ def _placed(
     if "lane" in table:
         lane = table["lane"] + (1 - form.first_lane)
         lane = lane.max() + 1 - lane if form.lanes_from == "left" else lane
-        table = table.assign(lane=lane.rank(method="dense"))  # from 1, whichever lanes were recorded
+        # from 1, whichever were recorded; numbers below are ramps and auxiliary lanes, as those tables have them
+        table = table.assign(lane=lane.where(lane >= 1).rank(method="dense"))
     numbers = columns.numbers
     if place == ("x_m", "y_m"):
         is_straight = form.crs is None

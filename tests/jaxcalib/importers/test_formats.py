@@ -23,6 +23,7 @@ from tests.jaxcalib.importers.recorded_traffic import (
     WRITERS,
     traffic,
     write_ngsim,
+    write_table,
 )
 
 RANGE_M = 120.0
@@ -167,3 +168,35 @@ def test_geographic_places_of_ngsim(tmp_path: Path, scenario: Path):
     np.testing.assert_allclose(np.hypot(east_m, north_m), np.diff(own.x_m), rtol=0.01)
     assert np.degrees(longitude[0]) == pytest.approx(-118.4, abs=0.3)
     assert set(drive.objects.vehicle_id) == set(expected_objects().vehicle)
+
+
+@pytest.mark.parametrize("shift", [0, 4])
+def test_lanes_count_from_the_rightmost_that_was_recorded(shift: int, tmp_path: Path):
+    """Numbers of 0 and less are ramps; a part of a road whose first lane has number 5 has a first lane all the same."""
+    file = write_table(tmp_path)
+    table = pd.read_csv(file)
+    on_ramp = table.head(30).assign(track="ramp", lane=0, north=-1.8 / 0.3048)
+    pd.concat([table.assign(lane=table.lane + shift), on_ramp]).to_csv(file, index=False)
+    imported = load_importer("trajectories")(file, ImportOptions(probes=3, mapping=tmp_path / "mapping.toml"))
+    assert imported.road is not None
+    assert len(imported.road.widths_m) == NUM_LANES
+    assert set(imported.drives[0].objects.lane.dropna()) <= {1.0, 2.0, 3.0}
+
+
+@pytest.mark.parametrize("turn_rad", [np.pi, 0.5])
+def test_traffic_in_another_direction_is_no_road(turn_rad: float, tmp_path: Path):
+    file = write_table(tmp_path)
+    table = pd.read_csv(file)
+    cos, sin = np.cos(turn_rad), np.sin(turn_rad)
+    turned = table.assign(east=cos * table.east - sin * table.north, north=sin * table.east + cos * table.north)
+    turned.to_csv(file, index=False)
+    with pytest.raises(CaseError, match=r"columns x_m and y_m: expected traffic along \+x"):
+        load_importer("trajectories")(file, ImportOptions(probes=3, mapping=tmp_path / "mapping.toml"))
+
+
+def test_two_locations_are_no_road(tmp_path: Path):
+    file = write_ngsim(tmp_path, True)
+    table = pd.read_csv(file)
+    pd.concat([table, table.assign(Location="i-80")]).to_csv(file, index=False)
+    with pytest.raises(CaseError, match="column Location: expected one location, got i-80, us-101"):
+        load_importer("ngsim")(file, ImportOptions())
