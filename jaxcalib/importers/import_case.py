@@ -17,6 +17,7 @@ from jaxcalib.errors import CaseError, shorten
 from jaxcalib.importers.importer import Imported, ImportedDrive, ImportOptions
 from jaxcalib.importers.registry import load_importer
 from jaxcalib.importers.straight_road import write_scenario
+from jaxcalib.importers.virtual_probes import evenly
 from jaxcalib.new_case.case_text import case_text
 from jaxcalib.new_case.logged_route import logged_route
 from jaxcalib.new_case.new_case import NewLogs, write_case
@@ -110,7 +111,7 @@ def _write(
     if configuration is not None:
         recorded, elsewhere = _on_one_route(recorded, configuration)
         left_out = (*left_out, *elsewhere)
-        recorded = recorded if options.subjects else _evenly(recorded, options.probes)
+        recorded = recorded if options.subjects else tuple(evenly(recorded, options.probes))
     if are_probes:  # who looks farther than anybody is seen looks as far as was asked
         recorded = tuple(replace(one, ahead_m=options.range_m, behind_m=options.range_m) for one in recorded)
     _remove_others(folder / FIELD, recorded)
@@ -159,11 +160,6 @@ def _on_one_route(
     kept = tuple(drive for drive, way in zip(placed, ways, strict=True) if way <= main)
     elsewhere = len(placed) - len(kept)
     return kept, (*said, *([f"{elsewhere} vehicles that take another way are left out."] if elsewhere else []))
-
-
-def _evenly(drives: Sequence[RecordedDrive], most: int) -> tuple[RecordedDrive, ...]:
-    places = np.unique(np.linspace(0, len(drives) - 1, min(most, len(drives))).round().astype(int))
-    return tuple(drives[place] for place in places)
 
 
 def _later_held_out(num_drives: int) -> tuple[Role, ...]:

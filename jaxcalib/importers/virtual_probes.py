@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import TypeVar
 
 import numpy as np
 import pandas as pd
@@ -20,6 +21,7 @@ FARTHEST_ASIDE_M = 40.0  # beyond the other carriageway nobody is looked at
 LONG_DRIVE = 0.6  # of the time that a long stay takes: shorter ones are no probes
 LONG_STAY = 90.0  # percentile
 LEAST_DRIVE_S = 5.0
+Item = TypeVar("Item")
 
 
 @dataclass
@@ -107,9 +109,13 @@ def _choose(stays: Mapping[str, _Stay], recording: Recording, options: ImportOpt
     """Those that were asked for, or vehicles that stay long, evenly over the recording's time."""
     if options.subjects:
         return [vehicle for vehicle in options.subjects if vehicle in stays]
-    able = _able(stays, recording.has_scenario_clock)
-    places = np.unique(np.linspace(0, len(able) - 1, min(options.probes, len(able))).round().astype(int))
-    return [able[place] for place in places]
+    return evenly(_able(stays, recording.has_scenario_clock), options.probes)
+
+
+def evenly(items: Sequence[Item], most: int) -> list[Item]:
+    """Some of a sequence, evenly over it; all of them where there are no more than are wanted."""
+    places = np.unique(np.linspace(0, len(items) - 1, min(most, len(items))).round().astype(int))
+    return [items[place] for place in places]
 
 
 def _able(stays: Mapping[str, _Stay], begins_empty: bool) -> list[str]:

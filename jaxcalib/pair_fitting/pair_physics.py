@@ -6,6 +6,7 @@ Gap and speeds in another unit alike - all of it in feet - contradict nothing, n
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -36,6 +37,14 @@ class Reading:
     leader: float = 1.0
     follower: float = 1.0
     gap: float = 1.0
+
+
+class Windows(NamedTuple):
+    """A pair, or a table of them, cut into windows of some seconds."""
+
+    changed_m: Float[np.ndarray, " window"]  # change of the gap
+    leader_m: Float[np.ndarray, " window"]  # way of the leader by its speeds
+    follower_m: Float[np.ndarray, " window"]  # the same of the follower
 
 
 AS_STATED = Reading("")
@@ -80,21 +89,18 @@ def judge_table(pairs: Sequence[RecordedPair]) -> str | None:
     parts = [_windows(pair) for pair in pairs if _spoilt(pair) is None]
     if not parts:
         return None
-    return _other_reading(*(np.concatenate(of_all) for of_all in zip(*parts, strict=True)))
+    return _other_reading(Windows(*(np.concatenate(of_all) for of_all in zip(*parts, strict=True))))
 
 
 def judge_pair(pair: RecordedPair) -> str | None:
     """Why a pair is not to be believed, in one line; None where it may be right."""
     windows = _windows(pair)
-    return _spoilt(pair) or _other_reading(*windows) or _nothing_in_common(*windows)
+    return _spoilt(pair) or _other_reading(windows) or _nothing_in_common(windows)
 
 
-def _other_reading(
-    changed_m: Float[np.ndarray, " window"],
-    leader_m: Float[np.ndarray, " window"],
-    follower_m: Float[np.ndarray, " window"],
-) -> str | None:
+def _other_reading(windows: Windows) -> str | None:
     """The reading that explains the changes of the gap clearly better than what the columns are said to be."""
+    changed_m, leader_m, follower_m = windows
     if len(changed_m) < FEWEST_WINDOWS:
         return None
 
@@ -110,11 +116,8 @@ def _other_reading(
     return f"{best.words}: so the gap changes, and not as the columns say."
 
 
-def _nothing_in_common(
-    changed_m: Float[np.ndarray, " window"],
-    leader_m: Float[np.ndarray, " window"],
-    follower_m: Float[np.ndarray, " window"],
-) -> str | None:
+def _nothing_in_common(windows: Windows) -> str | None:
+    changed_m, leader_m, follower_m = windows
     if len(changed_m) < FEWEST_WINDOWS:
         return None
     apart_m = leader_m - follower_m
@@ -157,11 +160,11 @@ def _held(pair: RecordedPair) -> str | None:
     return f"{where} while the speeds differ: clamped, or held."
 
 
-def _windows(pair: RecordedPair) -> tuple[Float[np.ndarray, " window"], ...]:
+def _windows(pair: RecordedPair) -> Windows:
     """Change of the gap in each window, and the ways of leader and follower."""
     edges = np.arange(0, len(pair), WINDOW_STEPS)
     ways = [
         np.concatenate([[0.0], np.cumsum(STEP_S * (v[1:] + v[:-1]) / 2.0)])
         for v in (pair.leader_mps, pair.follower_mps)
     ]
-    return (np.diff(pair.gap_m[edges]), *(np.diff(way[edges]) for way in ways))
+    return Windows(np.diff(pair.gap_m[edges]), *(np.diff(way[edges]) for way in ways))

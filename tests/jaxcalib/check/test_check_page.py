@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from experiments.log_faults.faults import FAULTS
 from jaxcalib.case.case import Case, read_case
 from jaxcalib.check import scenario_check
 from jaxcalib.check.check_figures import MOST_POINTS, thinned
@@ -56,18 +57,6 @@ def spoilt(case: Case, tmp_path: Path) -> Callable[[Spoil], Case]:
 
 def in_mps(subject: Table, objects: Table) -> tuple[Table, Table]:
     return subject.assign(speed_kmh=subject.speed_kmh / 3.6), objects
-
-
-def aside(subject: Table, objects: Table) -> tuple[Table, Table]:
-    """Twelve metres to the left of the way."""
-    north, east = np.gradient(subject.latitude_rad), np.gradient(subject.longitude_rad) * np.cos(subject.latitude_rad)
-    length = np.hypot(north, east) + 1e-15
-    smooth = [pd.Series(part / length).rolling(50, 1, center=True).mean() for part in (north, east)]
-    moved_rad = 12.0 / EARTH_RADIUS_M
-    return subject.assign(
-        latitude_rad=subject.latitude_rad + moved_rad * smooth[1],
-        longitude_rad=subject.longitude_rad - moved_rad * smooth[0] / np.cos(subject.latitude_rad),
-    ), objects
 
 
 def far(subject: Table, objects: Table) -> tuple[Table, Table]:
@@ -180,7 +169,7 @@ def test_without_a_place_across_the_lane_tells_where(drawn: Callable, whole: Dri
 
 
 def test_a_drive_beside_the_road_is_drawn_beside_its_lanes(drawn: Callable, whole: DriveRecord):
-    record, logs = drawn(aside)
+    record, logs = drawn(FAULTS["aside"].spoil)
     assert logs.refusals
     assert not logs.drives
     assert not record.is_placed

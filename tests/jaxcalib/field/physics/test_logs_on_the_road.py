@@ -4,10 +4,10 @@ import dataclasses
 from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
 import pandas as pd
 import pytest
 
+from experiments.log_faults.faults import FAULTS
 from jaxcalib.case.case import Case, read_case
 from jaxcalib.field.drive_logs import read_drives
 from jaxcalib.field.route_geometry import build_route_geometry
@@ -16,7 +16,6 @@ from tests.places import CORRIDOR
 
 Table = pd.DataFrame
 NUM_DRIVES = 2
-EARTH_RADIUS_M = 6_371_000.0
 
 
 @pytest.fixture(scope="module")
@@ -40,39 +39,16 @@ def read_spoilt(
     return [str(refusal) for refusal in logs.refusals], list(logs.contradictions)
 
 
-def in_mps(subject: Table, objects: Table) -> tuple[Table, Table]:
-    return subject.assign(speed_kmh=subject.speed_kmh / 3.6), objects.assign(speed_kmh=objects.speed_kmh / 3.6)
-
-
-def late(subject: Table, objects: Table) -> tuple[Table, Table]:
-    moved = objects.assign(time_s=(objects.time_s + 18.0).round(3))
-    return subject, moved[moved.time_s <= subject.time_s.max()]
-
-
-def relative(subject: Table, objects: Table) -> tuple[Table, Table]:
-    own_kmh = np.interp(objects.time_s, subject.time_s, subject.speed_kmh)
-    return subject, objects.assign(speed_kmh=objects.speed_kmh - own_kmh)
-
-
-def aside(subject: Table, objects: Table) -> tuple[Table, Table]:
-    """Twelve metres to the left of the way that the vehicle takes."""
-    north, east = np.gradient(subject.latitude_rad), np.gradient(subject.longitude_rad) * np.cos(subject.latitude_rad)
-    length = np.hypot(north, east) + 1e-15
-    smooth = [pd.Series(part / length).rolling(50, 1, center=True).mean() for part in (north, east)]
-    moved_rad = 12.0 / EARTH_RADIUS_M
-    return subject.assign(
-        latitude_rad=subject.latitude_rad + moved_rad * smooth[1],
-        longitude_rad=subject.longitude_rad - moved_rad * smooth[0] / np.cos(subject.latitude_rad),
-    ), objects
-
-
 @pytest.mark.parametrize(
     ("spoil", "words"),
     [
-        (in_mps, ["3.60 times too small for the way that the places show: m/s?", "3.60 times too small: m/s?"]),
-        (late, ["the objects' times are 18.0 s late"]),
-        (relative, ["are they relative to the subject vehicle's"]),
-        (aside, ["Places seem to lie 1"]),
+        (
+            FAULTS["all_mps"].spoil,
+            ["3.60 times too small for the way that the places show: m/s?", "3.60 times too small: m/s?"],
+        ),
+        (FAULTS["late_18"].spoil, ["the objects' times are 18.0 s late"]),
+        (FAULTS["relative"].spoil, ["are they relative to the subject vehicle's"]),
+        (FAULTS["aside"].spoil, ["Places seem to lie 1"]),
     ],
 )
 def test_the_cause_is_named(
