@@ -34,8 +34,8 @@ class CaseRow:
     # held-out errors (of the drives to fit where none is held out) by name: before, after, noise floor, its 95 %
     # quantile
     errors: Mapping[str, tuple[float, float, float, float]] | None = None
-    # share of sections in which the surrogate's speed is within the tolerance of SUMO's; the least over the
-    # points compared. None where it was not asked.
+    # share of sections in which the surrogate's speed is within the tolerance of SUMO's, where the search begins: at
+    # the last point compared, for a point is left only for one that the logs speak for. None where it was not asked.
     share_alike: float | None = None
 
     def is_better(self, name: str) -> bool:
@@ -98,7 +98,7 @@ def read_row(name: str, result: Mapping[str, Any], check_s: float, reasons: Sequ
         calibrate_s=result["wall_s"]["total"],
         in_sumo=confirmation["searched_in_sumo"],
         errors={VEHICLE_LEVEL_SUM: _vehicle_level(result, role), TRAFFIC_LEVEL_MEAN: _traffic_level(result, role)},
-        share_alike=min((each["share_alike"] for each in agreement), default=None),
+        share_alike=agreement[-1]["share_alike"] if agreement else None,
     )
 
 

@@ -90,3 +90,12 @@ def test_a_folder_that_is_no_case_is_a_row_that_says_so(tmp_path: Path) -> None:
     row = run_case(tmp_path / "nothing", tmp_path, 1.0)
     assert row.ending == "refused"
     assert "case.toml" in row.words
+
+
+def test_sections_count_where_the_search_begins() -> None:
+    begun = result(1.0, 0.5, 0.2)
+    agreement = [AGREEMENT, {"where": "with the drivers that the logs show", "share_alike": 0.95, "holds": True}]
+    begun["confirmation"]["agreement"] = agreement
+    row = read_row("onramp", begun, 1.5, [])
+    assert row.is_followed_or_left
+    assert "50% of sections alike at the scenario's values" in row.words
