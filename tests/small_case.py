@@ -10,8 +10,8 @@ from pathlib import Path
 from experiments.blind_effects.drive import record_drive
 from experiments.blind_effects.field_spec import DriverType, FieldSpec
 from experiments.blind_effects.generate import write_case
-from experiments.blind_effects.road import BELIEVED_DRIVER, ROADS, SUBJECT, Flow, Road
 from experiments.blind_effects.sensors import logs
+from experiments.roads.road import BELIEVED_DRIVER, ROADS, SUBJECT, Flow, Road
 
 MAIN, RAMP = ("m2", "m3", "m4"), ("in1", "on1", "m3", "m4")
 ROAD = Road(

@@ -10,9 +10,9 @@ from rich.console import Console
 
 from experiments.blind_effects.generate import make_cases
 from experiments.blind_effects.plan import Size
-from experiments.blind_effects.road import ROADS
 from experiments.blind_effects.run import diagnose_cases
 from experiments.blind_effects.score import score_answers
+from experiments.roads.road import ROADS
 
 CORES = len(os.sched_getaffinity(0))
 Count = Annotated[int, Parameter(validator=Number(gte=0))]

@@ -9,8 +9,8 @@ import numpy as np
 import pandas as pd
 
 from experiments.blind_effects.field_spec import FieldSpec
-from experiments.blind_effects.road import Road
 from experiments.blind_effects.traffic_files import additional_file, field_demand, write_files
+from experiments.roads.road import Road
 
 os.environ.setdefault("LIBSUMO_AS_TRACI", "quiet")
 RADIUS_M = 330.0

@@ -15,7 +15,7 @@ from experiments.blind_effects.field_spec import (
     SpeedSign,
     StandingVehicle,
 )
-from experiments.blind_effects.road import Road
+from experiments.roads.road import Road
 
 Place = dict[str, float | int | str]
 Injected = tuple[FieldSpec, Place]

@@ -17,10 +17,10 @@ from experiments.blind_effects.field_spec import FieldSpec
 from experiments.blind_effects.manipulation import ManipulationCheck, Measures, manipulation_check
 from experiments.blind_effects.plan import CALIBRATED, CasePlan, Size, draw_field, plan_cases
 from experiments.blind_effects.raw_measures import raw_measures
-from experiments.blind_effects.road import ROADS, Road
 from experiments.blind_effects.seal import Label, new_salt, root_of, seal_of
 from experiments.blind_effects.sensors import logs
 from experiments.blind_effects.traffic_files import scenario_config, scenario_demand, write_files
+from experiments.roads.road import ROADS, Road
 
 Logs = tuple[pd.DataFrame, pd.DataFrame, float | None]
 DEPARTS_S = (0.0, 20.0, 40.0, 60.0, 80.0, 100.0)  # after the warm-up, in turn

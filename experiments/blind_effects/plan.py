@@ -7,8 +7,8 @@ import numpy as np
 
 from experiments.blind_effects.effects import EFFECTS, OTHER_MODELS
 from experiments.blind_effects.field_spec import DriverType, FieldSpec
-from experiments.blind_effects.road import BELIEVED_DRIVER, ROADS, SUBJECT, Road
 from experiments.blind_effects.seal import Label
+from experiments.roads.road import BELIEVED_DRIVER, ROADS, SUBJECT, Road
 
 Size = Literal["tiny", "quick", "full"]
 LEVELS = ("weak", "medium", "strong")

@@ -5,7 +5,7 @@ import pandas as pd
 
 from experiments.blind_effects.drive import SEEN_M, Recording, objects_table, subject_table
 from experiments.blind_effects.field_spec import SensorFault
-from experiments.blind_effects.road import Road
+from experiments.roads.road import Road
 
 EARTH_RADIUS_M = 6_371_000.0
 FRAME_S = 0.1

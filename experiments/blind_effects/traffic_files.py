@@ -7,7 +7,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 
 from experiments.blind_effects.field_spec import FieldSpec
-from experiments.blind_effects.road import BELIEVED_DRIVER, SUBJECT, Flow, Road
+from experiments.roads.road import BELIEVED_DRIVER, SUBJECT, Flow, Road
 
 SECONDS_PER_HOUR = 3600.0
 ENTER = 'departLane="best" departPos="last" departSpeed="avg"'

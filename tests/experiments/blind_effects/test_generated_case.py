@@ -10,7 +10,7 @@ import pytest
 
 from experiments.blind_effects.generate import make_case, make_cases
 from experiments.blind_effects.plan import CasePlan
-from experiments.blind_effects.road import ROADS
+from experiments.roads.road import ROADS
 from jaxcalib.problem.problem import read_problem
 
 

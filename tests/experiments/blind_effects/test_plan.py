@@ -9,8 +9,8 @@ import pytest
 from experiments.blind_effects.effects import EFFECTS
 from experiments.blind_effects.manipulation import manipulation_check
 from experiments.blind_effects.plan import LEVELS, CasePlan, draw_field, plan_cases
-from experiments.blind_effects.road import ROADS
 from experiments.blind_effects.traffic_files import arrivals_s, field_demand
+from experiments.roads.road import ROADS
 
 
 @pytest.mark.parametrize("road", ROADS)

@@ -6,7 +6,7 @@ import pytest
 
 from experiments.blind_effects import sensors
 from experiments.blind_effects.field_spec import SensorFault
-from experiments.blind_effects.road import ROADS
+from experiments.roads.road import ROADS
 
 TIMES = np.round(300.0 + np.arange(200) / 10.0, 1)
 

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from experiments.blind_effects.road import BELIEVED_DRIVER
+from experiments.roads.road import BELIEVED_DRIVER
 from jaxcalib.initial_values.demand_profile import (
     BENT_SHARE,
     COMMON_TRUST,

@@ -135,7 +135,7 @@ ROADS: dict[str, Road] = {
     ),
     "two_lane": Road(
         "two_lane",
-        HERE / "roads" / "two_lane" / "net.net.xml",
+        HERE / "two_lane" / "net.net.xml",
         _edges("in0 m0 m1 m2 m3 m4 m5 m6 m7"),
         (
             Flow("f_main_o1", "main", 0.15, _edges("in0 m0 m1 off1")),
