@@ -20,7 +20,8 @@ from experiments.blind_effects.raw_measures import raw_measures
 from experiments.blind_effects.seal import Label, new_salt, root_of, seal_of
 from experiments.blind_effects.sensors import logs
 from experiments.blind_effects.traffic_files import scenario_config, scenario_demand, write_files
-from experiments.roads.road import ROADS, Road
+from experiments.roads.drawn_road import find_road
+from experiments.roads.road import Road
 
 Logs = tuple[pd.DataFrame, pd.DataFrame, float | None]
 DEPARTS_S = (0.0, 20.0, 40.0, 60.0, 80.0, 100.0)  # after the warm-up, in turn
@@ -30,7 +31,7 @@ SAME_TIME = (1_700_000_000, 1_700_000_000)  # of every file: its own would tell 
 
 def make_drive(spec: FieldSpec, road_name: str, seed: int, depart_s: float) -> Logs:
     """Return the logs of one drive, and when a standing vehicle stood."""
-    road = ROADS[road_name]
+    road = find_road(road_name)
     recording = record_drive(spec, road, seed, depart_s)
     return *logs(recording, road, spec.sensor, seed), recording.stood_s
 
@@ -78,7 +79,7 @@ def make_cases(
 
 def make_case(plan: CasePlan, out: Path, drives: int, checks: int, twins: int, pool: Executor) -> Label:
     """Make one case and return its label."""
-    road = ROADS[plan.road]
+    road = find_road(plan.road)
     drawn = draw_field(plan)
     departs_s = [road.warmup_s + DEPARTS_S[number % len(DEPARTS_S)] for number in range(drives + twins)]
     seeds = [plan.seed + number for number in range(drives + twins)]

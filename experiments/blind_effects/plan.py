@@ -8,7 +8,8 @@ import numpy as np
 from experiments.blind_effects.effects import EFFECTS, OTHER_MODELS
 from experiments.blind_effects.field_spec import DriverType, FieldSpec
 from experiments.blind_effects.seal import Label
-from experiments.roads.road import BELIEVED_DRIVER, ROADS, SUBJECT, Road
+from experiments.roads.drawn_road import find_road
+from experiments.roads.road import BELIEVED_DRIVER, Road
 
 Size = Literal["tiny", "quick", "full"]
 LEVELS = ("weak", "medium", "strong")
@@ -87,7 +88,7 @@ class DrawnField:
 
 def draw_field(plan: CasePlan) -> DrawnField:
     """Draw what is random in a case."""
-    road = ROADS[plan.road]
+    road = find_road(plan.road)
     rng = np.random.default_rng([plan.seed, 3])
     is_far = plan.kind == "null_far"
     theta = {name: _drawn(float(BELIEVED_DRIVER[name]), (FAR if is_far else NEAR)[name], is_far, rng) for name in NEAR}
@@ -95,7 +96,7 @@ def draw_field(plan: CasePlan) -> DrawnField:
     inputs = {name: round(_drawn(value, width, is_far, rng), 1) for name, value in road.inputs_vehph.items()}
     attributes = BELIEVED_DRIVER | {name: f"{value:.4f}" for name, value in theta.items()}
     attributes |= OTHER_MODELS.get(plan.model, {})
-    without = FieldSpec((DriverType(1.0, attributes),), dict(SUBJECT), inputs)
+    without = FieldSpec((DriverType(1.0, attributes),), dict(road.subject), inputs)
     spec, effects, place = _injected(plan, road, without, rng)
     label: Label = {
         "kind": plan.kind,

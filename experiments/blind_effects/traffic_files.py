@@ -7,7 +7,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 
 from experiments.blind_effects.field_spec import FieldSpec
-from experiments.roads.road import BELIEVED_DRIVER, SUBJECT, Flow, Road
+from experiments.roads.road import BELIEVED_DRIVER, Flow, Road
 
 SECONDS_PER_HOUR = 3600.0
 ENTER = 'departLane="best" departPos="last" departSpeed="avg"'
@@ -26,7 +26,7 @@ def scenario_demand(road: Road) -> str:
     """Return the believed scenario's demand.rou.xml."""
     lines = [
         f'<vType id="car" {_attributes(BELIEVED_DRIVER)}/>',
-        f'<vType id="subject" {_attributes(SUBJECT)}/>',
+        f'<vType id="subject" {_attributes(road.subject)}/>',
         f'<route id="r_ego" edges="{" ".join(road.ego_edges)}"/>',
         *(_route(flow) for flow in road.flows),
     ]

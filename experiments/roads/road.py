@@ -55,6 +55,12 @@ class Road:
     warmup_s: float = 300.0  # before the first drive
     duration_s: float = 720.0  # of a run
     lane_width_m: float = 3.75  # the same everywhere
+    subject_mps: float = 20.0  # at most driven by the subject vehicle
+
+    @property
+    def subject(self) -> dict[str, str]:
+        """Attributes of the subject vehicle's vType."""
+        return SUBJECT | {"maxSpeed": f"{self.subject_mps}"}
 
     @cached_property
     def net(self) -> sumolib.net.Net:
