@@ -108,7 +108,7 @@ def import_(
     scenario: Path | None = None,
     subject: Annotated[tuple[str, ...], Parameter(consume_multiple=True, negative="")] = (),
     probes: Annotated[int, Parameter(validator=Number(gte=1, lte=1000))] = 8,
-    range_m: Annotated[float, Parameter(validator=Number(gt=0, lte=1000))] = 150.0,
+    range_m: Annotated[float | None, Parameter(validator=Number(gt=0, lte=1000))] = None,
     occlusion: Annotated[bool, Parameter(negative="")] = False,
     begin_s: Annotated[float | None, Parameter(validator=Number(gte=0, lte=1e7))] = None,
     mapping: Path | None = None,
@@ -134,7 +134,7 @@ def import_(
     probes
         How many are chosen in each recording.
     range_m
-        Range of their sensors, ahead and behind.
+        Range of their sensors, ahead and behind; 150 m, or less on a short stretch.
     occlusion
         Vehicles that are hidden behind others are not seen.
     begin_s

@@ -56,8 +56,8 @@ def read_recording(source: Path, options: ImportOptions) -> Imported:
     recordings = [
         Recording(str(table["recording"].iloc[0]), lambda rows=table: slices_of(rows), crs) for table in tables
     ]
-    drives = virtual_probes(recordings, options)
-    said.append(f"{len(recordings)} recordings, {len(drives)} of their vehicles as subject vehicles.")
+    drives, why = virtual_probes(recordings, options)
+    said += [f"{len(recordings)} recordings, {len(drives)} of their vehicles as subject vehicles.", why]
     return Imported(tuple(drives), tuple(said), None if options.config else _road(tables, limits))
 
 

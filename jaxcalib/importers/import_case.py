@@ -107,15 +107,15 @@ def _write(
     except CaseError as error:  # the tables were made of the source
         place = "" if error.place == "--drive" else error.place
         raise CaseError(source, place, error.expected) from None
-    are_probes = any(drive.is_probe for drive in drives)
+    range_m = drives[0].range_m
     if configuration is not None:
         recorded, elsewhere = _on_one_route(recorded, configuration)
         left_out = (*left_out, *elsewhere)
         recorded = recorded if options.subjects else tuple(evenly(recorded, options.probes))
-    if are_probes:  # who looks farther than anybody is seen looks as far as was asked
-        recorded = tuple(replace(one, ahead_m=options.range_m, behind_m=options.range_m) for one in recorded)
+    if range_m is not None:  # who looks farther than anybody is seen looks as far all the same
+        recorded = tuple(replace(one, ahead_m=range_m, behind_m=range_m) for one in recorded)
     _remove_others(folder / FIELD, recorded)
-    logs = NewLogs(recorded, left_out, roles=_later_held_out(len(recorded)) if are_probes else ())
+    logs = NewLogs(recorded, left_out, roles=_later_held_out(len(recorded)) if range_m is not None else ())
     num_held_out = sum(role == "held_out" for role in logs.all_roles)
     said = [*left_out, f"{len(recorded)} drives, {num_held_out} of them held out."]
     config = options.config

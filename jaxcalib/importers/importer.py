@@ -16,7 +16,7 @@ class ImportOptions:
 
     subjects: tuple[str, ...] = ()  # ids of vehicles to be taken for subject vehicles; chosen where there are none
     probes: int = 8  # how many are chosen in each recording
-    range_m: float = USUAL_RANGE_M  # of their sensors, ahead and behind
+    range_m: float | None = None  # of their sensors, ahead and behind; None for the usual, less on a short stretch
     is_occluded: bool = False  # who is hidden behind others is not seen
     begin_s: float | None = None  # when the recording begins, on the scenario's clock; None for the usual
     mapping: Path | None = None  # TOML file with the names that a format leaves open
@@ -44,7 +44,7 @@ class ImportedDrive:
     id: str
     subject: Frame
     objects: Frame
-    is_probe: bool = False  # whether somebody else saw its vehicle: drives are in the order of time then
+    range_m: float | None = None  # of a virtual probe's sensors, ahead and behind; probes are in the order of time
 
 
 @dataclass(frozen=True)

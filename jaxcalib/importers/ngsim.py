@@ -73,8 +73,8 @@ def read_recording(source: Path, options: ImportOptions) -> Imported:
         Recording(str(name), partial(slices_of, completed(rows)), crs)
         for name, rows in table.groupby("recording", sort=False)
     ]
-    drives = virtual_probes(recordings, options)
-    said.append(f"{source.name}: {len(recordings)} recordings, {len(drives)} of their vehicles as subject vehicles.")
+    drives, why = virtual_probes(recordings, options)
+    said += [f"{source.name}: {len(recordings)} recordings, {len(drives)} of their vehicles as subject vehicles.", why]
     road = straight_road_of(completed(table)) if options.config is None and crs is None else None
     return Imported(tuple(drives), tuple(said), road)
 

@@ -137,7 +137,7 @@ def read_recording(source: Path, options: ImportOptions) -> Imported:
             said.append(f"the trace's host vehicle, {first.host}, is not among its vehicles: others are chosen.")
     crs, offset = _plane_of(first.truth, options, said)
     trace = _Trace(channel, offset)
-    drives = virtual_probes([Recording(source.stem, trace.slices, crs)], options)
+    drives, why = virtual_probes([Recording(source.stem, trace.slices, crs)], options)
     tally = trace.tally
     if tally.left_out:
         kinds = ", ".join(f"{len(ids)} {kind}" for kind, ids in sorted(tally.left_out.items()))
@@ -148,7 +148,8 @@ def read_recording(source: Path, options: ImportOptions) -> Imported:
         said.append(f"speeds left empty, as there is no velocity: {tally.num_without_velocity}.")
     taken = (
         f"{source.name}: {tally.num_messages} messages of {channel.kind.value}; {len(drives)} of "
-        f"{len(tally.vehicles)} vehicles as subject vehicles, others within {options.range_m:g} m.",
+        f"{len(tally.vehicles)} vehicles as subject vehicles.",
+        why,
         "places are centres of boxes: half a length is added to reach the front bumpers.",
     )
     return Imported(tuple(drives), (*taken, *said))

@@ -43,8 +43,8 @@ def read_recording(source: Path, options: ImportOptions) -> Imported:
         recording = Recording(name, lambda: slices_in_plane(slices(), crs), crs, has_scenario_clock=True)
     else:
         recording = Recording(name, slices, has_scenario_clock=True)
-    drives = virtual_probes([recording], options)
-    said = [f"{source.name}: {len(drives)} of its vehicles as subject vehicles, others within {options.range_m:g} m."]
+    drives, why = virtual_probes([recording], options)
+    said = [f"{source.name}: {len(drives)} of its vehicles as subject vehicles.", why]
     if crs:
         said.append("places are longitude and latitude (--fcd-output.geo).")
     return Imported(tuple(drives), tuple(said))

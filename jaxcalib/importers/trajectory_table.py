@@ -55,8 +55,8 @@ def read_recording(source: Path, options: ImportOptions) -> Imported:
     table = _at_front(table, form)
     recording = Recording(source.name.split(".")[0], lambda: slices_of(table), crs)
     recording = replace(recording, has_scenario_clock=options.config is not None and options.begin_s is None)
-    drives = virtual_probes([recording], options)
-    said.append(f"{len(drives)} of the vehicles as subject vehicles.")
+    drives, why = virtual_probes([recording], options)
+    said += [f"{len(drives)} of the vehicles as subject vehicles.", why]
     main = table[table["lane"].between(1, MOST_LANES)]
     road = None
     if is_straight and options.config is None and len(main):

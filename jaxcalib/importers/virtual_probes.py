@@ -10,14 +10,22 @@ import pandas as pd
 from jaxcalib.errors import CaseError, quote
 from jaxcalib.field.log_tables import OBJECT_COLUMNS, SUBJECT_COLUMNS
 from jaxcalib.importers.data_frame import Frame
-from jaxcalib.importers.importer import USUAL_BEGIN_S, ImportedDrive, ImportOptions
+from jaxcalib.importers.importer import USUAL_BEGIN_S, USUAL_RANGE_M, ImportedDrive, ImportOptions
 from jaxcalib.importers.occlusion import visible_from_origin
 from jaxcalib.importers.recorded_drive import with_places
+from jaxcalib.importers.recorded_stretch import (
+    FARTHEST_ASIDE_M,
+    LEAST_REMAINING,
+    Place,
+    RecordedStretch,
+    range_of,
+    road_ends_m,
+    widen,
+)
 from jaxcalib.importers.trajectories import Recording, Slice
 from sim_adapters.units import kmh_from_mps
 
 LEAST_STEP_S = 0.1  # between the rows of a probe; denser recordings are thinned
-FARTHEST_ASIDE_M = 40.0  # beyond the other carriageway nobody is looked at
 LONG_DRIVE = 0.6  # of the time that a long stay takes: shorter ones are no probes
 LONG_STAY = 90.0  # percentile
 LEAST_DRIVE_S = 5.0
@@ -30,52 +38,86 @@ class _Stay:
 
     first_s: float
     last_s: float
-    first_m: tuple[float, float]  # where
-    driven_m: float = 0.0
+    first: Place  # where
+    last: Place
 
     @property
     def lasts_s(self) -> float:
         """How long."""
         return self.last_s - self.first_s
 
+    @property
+    def driven_m(self) -> float:
+        """How far its last place is from its first."""
+        return float(np.hypot(self.last[0] - self.first[0], self.last[1] - self.first[1]))
+
 
 @dataclass
 class _Rows:
     """What a probe has recorded so far."""
 
+    stretch: RecordedStretch
     subject: list[tuple[float, ...]] = field(default_factory=list)
     objects: list[Frame] = field(default_factory=list)
 
+    @property
+    def lasts_s(self) -> float:
+        """How long."""
+        return self.subject[-1][0] - self.subject[0][0] if self.subject else 0.0
 
-def virtual_probes(recordings: Sequence[Recording], options: ImportOptions) -> list[ImportedDrive]:
-    """Make drives of chosen vehicles; they come in the order of time.
+    def cut(self, range_m: float) -> None:
+        """Keep whom sensors see, and the rows for whose whole range the road was recorded."""
+        kept = np.flatnonzero(self.stretch.has_room(range_m))
+        self.subject = [self.subject[row] for row in kept]
+        self.objects = [self.objects[row][self.objects[row]["away_m"] <= range_m] for row in kept]
 
-    A recording is read twice, slice by slice, so it may be longer than memory.
+
+def virtual_probes(recordings: Sequence[Recording], options: ImportOptions) -> tuple[list[ImportedDrive], str]:
+    """Make drives of chosen vehicles; they come in the order of time, with a line on the range of their sensors.
+
+    A recording is read twice, slice by slice, so it may be longer than memory. Rows count where the road was recorded
+    for the whole range ahead and behind: beyond the recording nobody is seen who is there all the same.
 
     Args:
         recordings: of one road; each begins at the same time on the scenario's clock unless it has that clock.
         options: how many vehicles are taken, or which, and what they see.
 
     Raises:
-        CaseError: a vehicle that is asked for is not there, or nobody stays long enough.
+        CaseError: a vehicle that is asked for is not there, nobody stays long enough, or sensors see too far.
     """
-    drives: list[ImportedDrive] = []
+    nobody = CaseError("command line", "SOURCE", f"expected a vehicle that stays for {LEAST_DRIVE_S:g} s at least.")
+    probes: list[tuple[str, _Rows, Recording]] = []
     missing, some = set(options.subjects), ""
     for recording in recordings:
         stays = _stays(recording)
         missing, some = missing - set(stays), some or ", ".join(list(stays)[:10])
-        chosen = _choose(stays, recording, options)
+        chosen = {vehicle: stays[vehicle] for vehicle in _choose(stays, recording, options)}
         for vehicle, rows in _look_around(recording, chosen, options).items():
-            name = f"{recording.id}-{vehicle}" if len(recordings) > 1 else vehicle
-            drives.append(_drive(name, rows, recording, options))
+            probes.append((f"{recording.id}-{vehicle}" if len(recordings) > 1 else vehicle, rows, recording))
     if not some:
         raise CaseError("command line", "SOURCE", "expected vehicles; the recording has none.")
     if missing:
         expected = f"expected a vehicle of the recording, got {quote(min(missing))}; it has {some} ..."
         raise CaseError("command line", "--subject", expected)
-    if not drives:
-        raise CaseError("command line", "SOURCE", f"expected a vehicle that stays for {LEAST_DRIVE_S:g} s at least.")
-    return drives
+    if not probes:
+        raise nobody
+    if options.config is not None:
+        ends_m = road_ends_m(options.config, recordings[0].crs)
+        for _, rows, _ in probes:
+            rows.stretch.open_at(ends_m)
+    range_m, why = range_of([rows.stretch for _, rows, _ in probes], options.range_m)
+    for _, rows, _ in probes:
+        rows.cut(range_m)
+    kept = [probe for probe in probes if probe[1].lasts_s >= LEAST_REMAINING * LEAST_DRIVE_S]
+    if not kept:
+        raise nobody
+    kept.sort(key=lambda probe: (recordings.index(probe[2]), probe[1].subject[0][0]))
+    left_out = (
+        f" {len(probes) - len(kept)} of {len(probes)} drives are too short then, and left out."
+        if len(kept) < len(probes)
+        else ""
+    )
+    return [_drive(name, rows, recording, range_m, options) for name, rows, recording in kept], why + left_out
 
 
 def _thinned(recording: Recording) -> Iterator[Slice]:
@@ -96,12 +138,11 @@ def _stays(recording: Recording) -> dict[str, _Stay]:
     for one in _thinned(recording):
         for number, vehicle in enumerate(one.vehicle):
             stay = stays.get(vehicle)
-            place_m = (float(one.x_m[number]), float(one.y_m[number]))
+            place = (float(one.x_m[number]), float(one.y_m[number]), float(one.heading_rad[number]))
             if stay is None:
-                stays[vehicle] = _Stay(one.time_s, one.time_s, place_m)
+                stays[vehicle] = _Stay(one.time_s, one.time_s, place, place)
             else:
-                stay.last_s = one.time_s
-                stay.driven_m = float(np.hypot(place_m[0] - stay.first_m[0], place_m[1] - stay.first_m[1]))
+                stay.last_s, stay.last = one.time_s, place
     return stays
 
 
@@ -138,10 +179,11 @@ def _able(stays: Mapping[str, _Stay], begins_empty: bool) -> list[str]:
     return sorted(found, key=lambda vehicle: (stays[vehicle].first_s, vehicle))
 
 
-def _look_around(recording: Recording, chosen: Sequence[str], options: ImportOptions) -> dict[str, _Rows]:
-    probes = {vehicle: _Rows() for vehicle in chosen}
+def _look_around(recording: Recording, chosen: Mapping[str, _Stay], options: ImportOptions) -> dict[str, _Rows]:
+    probes = {vehicle: _Rows(RecordedStretch(stay.first, stay.last)) for vehicle, stay in chosen.items()}
     for one in _thinned(recording):
-        for number in np.flatnonzero(np.isin(one.vehicle, chosen)):
+        widen([rows.stretch for rows in probes.values()], one)
+        for number in np.flatnonzero(np.isin(one.vehicle, list(chosen))):
             rows = probes[str(one.vehicle[number])]
             rows.subject.append(
                 (
@@ -150,14 +192,19 @@ def _look_around(recording: Recording, chosen: Sequence[str], options: ImportOpt
                 )
             )  # fmt: skip
             rows.objects.append(_seen(one, int(number), options))
+    for rows in probes.values():
+        x_m, y_m = np.asarray(rows.subject).T[1:3]
+        rows.stretch.way_m = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x_m), np.diff(y_m)))])
     return probes
 
 
 def _seen(one: Slice, number: int, options: ImportOptions) -> Frame:
+    """Who is within the range that is asked for, or the widest that is taken otherwise, and how far away."""
     away_x, away_y = one.x_m - one.x_m[number], one.y_m - one.y_m[number]
     cos, sin = np.cos(one.heading_rad[number]), np.sin(one.heading_rad[number])
     ahead_m, left_m = cos * away_x + sin * away_y, cos * away_y - sin * away_x
-    near = (np.hypot(away_x, away_y) <= options.range_m) & (np.abs(left_m) <= FARTHEST_ASIDE_M)
+    away_m = np.hypot(away_x, away_y)
+    near = (away_m <= (options.range_m or USUAL_RANGE_M)) & (np.abs(left_m) <= FARTHEST_ASIDE_M)
     near[number] = False
     if options.is_occluded:
         rows = np.flatnonzero(near)
@@ -171,11 +218,12 @@ def _seen(one: Slice, number: int, options: ImportOptions) -> Frame:
             "speed_kmh": kmh_from_mps(one.speed_mps[near]),
             "lane": one.lane[near],
             "length_m": one.length_m[near],
+            "away_m": away_m[near],
         }
     )
 
 
-def _drive(name: str, rows: _Rows, recording: Recording, options: ImportOptions) -> ImportedDrive:
+def _drive(name: str, rows: _Rows, recording: Recording, range_m: float, options: ImportOptions) -> ImportedDrive:
     time_s, x_m, y_m, heading_rad, speed_mps, acceleration_mps2, lane = np.asarray(rows.subject).T
     begin_s = options.begin_s if options.begin_s is not None else USUAL_BEGIN_S
     later_s = 0.0 if recording.has_scenario_clock else begin_s
@@ -191,11 +239,11 @@ def _drive(name: str, rows: _Rows, recording: Recording, options: ImportOptions)
             "y_m": y_m,
         }
     )
-    objects = pd.concat(rows.objects, ignore_index=True)
+    objects = pd.concat(rows.objects, ignore_index=True).drop(columns="away_m")
     objects["time_s"] += later_s
     return ImportedDrive(
         name,
         with_places(subject, recording.crs, SUBJECT_COLUMNS),
         with_places(objects, recording.crs, OBJECT_COLUMNS),
-        is_probe=True,
+        range_m,
     )

@@ -29,10 +29,17 @@ from tests.jaxcalib.importers.recorded_traffic import (
 RANGE_M = 120.0
 
 
+def own_rows() -> pd.DataFrame:
+    """The subject vehicle, while its whole range lies on the stretch on which there are vehicles."""
+    truth = traffic()
+    has_room = truth.x_m.between(truth.x_m.min() + RANGE_M, truth.x_m.max() - RANGE_M)
+    return truth[(truth.vehicle == SUBJECT) & has_room].sort_values("time_s")
+
+
 def expected_objects() -> pd.DataFrame:
     """Who is within range of the subject vehicle, and where: by the definition of relative places."""
     truth = traffic()
-    own = truth[truth.vehicle == SUBJECT][["time_s", "x_m", "y_m"]]
+    own = own_rows()[["time_s", "x_m", "y_m"]]
     others = truth[truth.vehicle != SUBJECT].merge(own, on="time_s", suffixes=("", "_own"))
     others = others.assign(relative_x_m=others.x_m - others.x_m_own, relative_y_m=others.y_m - others.y_m_own)
     near = np.hypot(others.relative_x_m, others.relative_y_m) <= RANGE_M
@@ -59,8 +66,7 @@ def read(kind: str, folder: Path, scenario: Path, subjects: tuple[str, ...] | No
 @pytest.mark.parametrize("kind", WRITERS)
 def test_the_same_logs_from_every_format(kind: str, tmp_path: Path, scenario: Path):
     (drive,) = read(kind, tmp_path, scenario).drives
-    truth = traffic()
-    own = truth[truth.vehicle == SUBJECT].sort_values("time_s")
+    own = own_rows()
     subject = drive.subject.sort_values("time_s")
     later_s = 0.0 if kind.startswith("fcd") else 600.0
     np.testing.assert_allclose(subject.time_s - later_s, own.time_s, atol=1e-6)
@@ -164,7 +170,7 @@ def test_geographic_places_of_ngsim(tmp_path: Path, scenario: Path):
     latitude, longitude = drive.subject.latitude_rad.to_numpy(), drive.subject.longitude_rad.to_numpy()
     north_m = 6_371_000.0 * np.diff(latitude)
     east_m = 6_371_000.0 * np.cos(latitude[0]) * np.diff(longitude)
-    own = traffic().query("vehicle == @SUBJECT").sort_values("time_s")
+    own = own_rows()
     np.testing.assert_allclose(np.hypot(east_m, north_m), np.diff(own.x_m), rtol=0.01)
     assert np.degrees(longitude[0]) == pytest.approx(-118.4, abs=0.3)
     assert set(drive.objects.vehicle_id) == set(expected_objects().vehicle)
