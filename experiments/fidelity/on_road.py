@@ -63,27 +63,57 @@ def write_road_case(name: str, folder: Path) -> Path:
     return folder
 
 
-def compare_on_road(name: str, folder: Path, num_runs: int) -> list[Point]:
-    """Compare both simulators on a road.
+def compare_on_road(name: str, folder: Path, num_runs: int, decision_interval_s: float) -> list[Point]:
+    """Compare both simulators on a road; SUMO's runs are kept in the case's folder for another comparison.
 
     Args:
         name: of the road.
         folder: where its case lies, or is to lie.
         num_runs: drives in SUMO at each demand, about; the surrogate makes four times as many.
+        decision_interval_s: time between two decisions of the surrogate about lanes.
     """
     problem = read_problem(write_road_case(name, folder))
     inputs, departs_s = problem.layout.num_inputs, problem.departs_s("fit")
     values = np.stack([problem.template.base_values()] * len(DEMAND_FACTORS))
     values[:, :inputs] *= np.asarray(DEMAND_FACTORS)[:, None]
     values = round_values(values)
-    ours = Evaluator(surrogate_engine(problem, SPARE_CAPACITY, 0.0), departs_s, 0)
+    engine = surrogate_engine(problem, SPARE_CAPACITY, 0.0, decision_interval_s=decision_interval_s)
+    ours = Evaluator(engine, departs_s, 0)
     num_runs = ours.rounds_of(num_runs)
-    with sumo_engine(problem) as engine:
-        sumo = Evaluator(engine, departs_s, 0, shares_runs=True)
-        theirs = sumo.evaluate(values, num_runs)
-        worth = sumo.worth(num_runs)
-    mine = ours.evaluate(values, SURROGATE_RUNS_PER_SUMO_RUN * num_runs)
-    return [_point(problem, number, mine, theirs, worth) for number in range(len(DEMAND_FACTORS))]
+    theirs = _runs_in_sumo(problem, values, num_runs, folder / f"sumo_{num_runs}.npz")
+    mine = _Runs.of(ours.evaluate(values, SURROGATE_RUNS_PER_SUMO_RUN * num_runs), 0.0)
+    return [_point(problem, number, mine, theirs) for number in range(len(DEMAND_FACTORS))]
+
+
+@dataclass(frozen=True)
+class _Runs:
+    """What is compared of one simulator's runs at all demands."""
+
+    tally: Float[np.ndarray, "point run tally"]  # nan where a run failed
+    inserted_share: Float[np.ndarray, "point entrance"]  # vehicles that entered over those scheduled
+    worth: float  # independent drives that those at one demand are worth
+
+    @classmethod
+    def of(cls, runs: Evaluations, worth: float) -> "_Runs":
+        """Take it from evaluated candidates."""
+        shares = []
+        for outcomes in runs.outcomes:
+            good = [outcome for outcome in outcomes if outcome.status.is_ok]
+            arrived, inserted = (
+                np.sum([getattr(outcome, name) for outcome in good], axis=0) for name in ("num_arrived", "num_inserted")
+            )
+            shares.append(inserted / np.maximum(arrived, 1))
+        return cls(runs.tally, np.stack(shares), worth)
+
+
+def _runs_in_sumo(problem: CalibrationProblem, values: np.ndarray, num_runs: int, file: Path) -> _Runs:
+    if not file.is_file():
+        with sumo_engine(problem) as engine:
+            sumo = Evaluator(engine, problem.departs_s("fit"), 0, shares_runs=True)
+            runs = _Runs.of(sumo.evaluate(values, num_runs), sumo.worth(num_runs))
+        np.savez_compressed(file, **vars(runs))
+    with np.load(file) as kept:
+        return _Runs(kept["tally"], kept["inserted_share"], float(kept["worth"]))
 
 
 def section_speeds_mps(
@@ -97,7 +127,7 @@ def section_speeds_mps(
         return speed / frames
 
 
-def _point(problem: CalibrationProblem, number: int, mine: Evaluations, theirs: Evaluations, worth: float) -> Point:
+def _point(problem: CalibrationProblem, number: int, mine: _Runs, theirs: _Runs) -> Point:
     tallies = [tally[np.isfinite(tally).all(axis=1)] for tally in (mine.tally[number], theirs.tally[number])]
     factor = DEMAND_FACTORS[number]
     agreement = compare_sections(problem, tallies[0].sum(axis=0), tallies[1], f"at {factor:g} of the demand")
@@ -110,9 +140,9 @@ def _point(problem: CalibrationProblem, number: int, mine: Evaluations, theirs: 
         surrogate_broken=tuple(map(float, broken[0].mean(axis=0))),
         sumo_any=float(broken[1].any(axis=1).mean()),
         surrogate_any=float(broken[0].any(axis=1).mean()),
-        sumo_drives=worth,
+        sumo_drives=theirs.worth,
         inserted=tuple(
-            Inserted(name, _inserted(theirs, number, at), _inserted(mine, number, at))
+            Inserted(name, float(theirs.inserted_share[number, at]), float(mine.inserted_share[number, at]))
             for at, name in enumerate(problem.layout.input_ids)
         ),
     )
@@ -121,9 +151,3 @@ def _point(problem: CalibrationProblem, number: int, mine: Evaluations, theirs: 
 def _limit_mps(problem: CalibrationProblem) -> float:
     road = find_road(problem.case.name)
     return road.limit_mps(road.ego_edges[0])
-
-
-def _inserted(runs: Evaluations, number: int, entrance: int) -> float:
-    outcomes = [outcome for outcome in runs.outcomes[number] if outcome.status.is_ok]
-    arrived = sum(float(outcome.num_arrived[entrance]) for outcome in outcomes)
-    return sum(float(outcome.num_inserted[entrance]) for outcome in outcomes) / arrived if arrived else float("nan")

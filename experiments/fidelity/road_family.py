@@ -19,7 +19,7 @@ from experiments.results.record import Row
 from experiments.results.record import record as keep
 from experiments.roads.drawn_road import DRAWN
 from experiments.roads.road_plan import draw_plan
-from jaxcalib.problem.engines import prepare_devices
+from jaxcalib.problem.engines import DECISION_INTERVAL_S, prepare_devices
 from sim_adapters.atomic_file import write_atomically
 
 LEAST_SHARE, MOST_DIFFERENCE = 0.85, 0.15  # of alike sections; of probabilities of a breakdown
@@ -32,6 +32,7 @@ def road_family(
     roads: Annotated[int, Parameter(validator=Number(gte=1))] = 20,
     first: Annotated[int, Parameter(validator=Number(gte=0))] = 0,
     runs: Annotated[int, Parameter(validator=Number(gte=2))] = 12,
+    decisions: Annotated[float, Parameter(validator=Number(gt=0))] = DECISION_INTERVAL_S,
     out: Path = Path("road_family"),
     record: Annotated[bool, Parameter(negative="")] = False,
 ) -> int:
@@ -45,6 +46,8 @@ def road_family(
         Seed of the first road; the others follow.
     runs
         Drives in SUMO for each road and demand; the surrogate makes four times as many.
+    decisions
+        Time in s between two decisions of the surrogate about lanes.
     out
         Folder for cases and results.
     record
@@ -53,7 +56,7 @@ def road_family(
     prepare_devices(len(os.sched_getaffinity(0)))
     rows, points = [], []
     for seed in track(range(first, first + roads), "roads", console=Console(stderr=True)):
-        found = _compared(seed, out, runs)
+        found = _compared(seed, out, runs, decisions)
         rows.append(row_of(seed, found))
         points += found
     console, table = Console(), Table(title="surrogate against SUMO over drawn roads")
@@ -65,14 +68,15 @@ def road_family(
     notes = summary_of(points)
     console.print("\n".join(notes))
     if record:
-        keep("fidelity", "road_family", rows, "Roads drawn at random", [f"- {note}" for note in notes])
+        title = f"Roads drawn at random, decisions every {decisions:g} s"
+        keep("fidelity", f"road_family_{decisions:g}", rows, title, [f"- {note}" for note in notes])
     return 0
 
 
-def _compared(seed: int, out: Path, runs: int) -> list[dict[str, Any]]:
-    file = out / f"{DRAWN}{seed}.json"
+def _compared(seed: int, out: Path, runs: int, decisions_s: float) -> list[dict[str, Any]]:
+    file = out / f"{DRAWN}{seed}_{decisions_s:g}.json"
     if not file.is_file():
-        found = compare_on_road(f"{DRAWN}{seed}", out / "cases" / f"{DRAWN}{seed}", runs)
+        found = compare_on_road(f"{DRAWN}{seed}", out / "cases" / f"{DRAWN}{seed}", runs, decisions_s)
         text = json.dumps([Point.as_table(point) for point in found], indent=1)
         write_atomically(file, lambda stream: stream.write(text.encode()))
     return json.loads(file.read_text(encoding="utf-8"))

@@ -39,6 +39,7 @@ def surrogate_engine(
     most_overfull_share: float = 0.75,
     runs_per_device: int | None = None,
     observer: Observer | None = None,
+    decision_interval_s: float = DECISION_INTERVAL_S,
 ) -> JaxSimulator:
     """Return the surrogate for a problem.
 
@@ -49,6 +50,7 @@ def surrogate_engine(
             0 is for studies that need every run.
         runs_per_device: size of a device's part of a batch; from the room unless given.
         observer: fold over the frames of each run; that of the problem's measures unless given.
+        decision_interval_s: time between two decisions about lanes, to the nearest that frames allow.
     """
     scenario, perception = problem.parts.scenario, problem.case.perception
     return JaxSimulator(
@@ -57,7 +59,7 @@ def surrogate_engine(
         sensor=Sensor(
             jnp.asarray(perception.ahead_m, jnp.float32), jnp.asarray(perception.behind_m, jnp.float32), OBJECTS_PER_ROW
         ),
-        clock=_clock(problem),
+        clock=_clock(problem, decision_interval_s),
         end_s=scenario.duration_s,
         capacity=expected_vehicles(problem, spare_capacity),
         runs_per_device=runs_per_device,
@@ -109,11 +111,16 @@ def _distant_types(problem: CalibrationProblem, clock: Clock, first_step: int) -
     return DistantTypes(dict(chosen), sensor.ahead_m, sensor.behind_m, clock.steps_per_decision, first_step)
 
 
-def _clock(problem: CalibrationProblem) -> Clock:
+def _clock(problem: CalibrationProblem, decision_interval_s: float = DECISION_INTERVAL_S) -> Clock:
+    """Return a clock whose decisions are a whole number of frames apart, or frames a whole number of decisions."""
     step_s = problem.parts.scenario.step_s
     steps_per_frame = round(problem.frame_interval_s / step_s)
-    # a whole number of frames, so that both fall on the same steps
-    steps_per_decision = steps_per_frame * max(1, round(DECISION_INTERVAL_S / (steps_per_frame * step_s)))
+    wanted = decision_interval_s / step_s
+    if wanted >= steps_per_frame:
+        steps_per_decision = steps_per_frame * max(1, round(wanted / steps_per_frame))
+    else:
+        divisors = [steps for steps in range(1, steps_per_frame + 1) if steps_per_frame % steps == 0]
+        steps_per_decision = min(divisors, key=lambda steps: abs(steps - wanted))
     return Clock(step_s, steps_per_decision, problem.scenario.configuration.lane_change_duration_s)
 
 

@@ -238,7 +238,9 @@ def _deal_with_follower(
         return (speed_mps - other_v) / interval_s
 
     by_next_step = follower.by_next_step
-    let_pass = jnp.maximum(jnp.where(wants_slow, -help_decel, -jnp.inf), by_next_decision(let_pass_mps))
+    # a step of braking is asked for again at each step, down to the speed that is low enough: until the next decision
+    brake_to_pass = jnp.maximum(-help_decel, by_next_decision(v + HELP_OVERTAKE_MPS))
+    let_pass = jnp.where(wants_slow, brake_to_pass, by_next_decision(pass_mps))
     asked = jnp.where(
         needs_no_help,
         by_next_decision(planned - HELP_OVERTAKE_MPS),

@@ -14,7 +14,7 @@ from tests.surrogate.lane_change.lane_scene import lane_scene
 LENGTH, JAM_GAP, TIME_GAP, ACCELERATION, DECELERATION, DESIRED, STEP_S = 4.8, 1.6, 1.1, 1.7, 3.1, 21.0, 0.1
 
 
-def asked_mps2(speed_mps: float, follower_mps: float, gap_m: float) -> float:
+def asked_mps2(speed_mps: float, follower_mps: float, gap_m: float, interval_s: float = STEP_S) -> float:
     """Return the acceleration asked of a follower in the way, who is `gap_m` behind with his jam gap kept."""
     values = (JAM_GAP, TIME_GAP, ACCELERATION, DECELERATION, 9.0, 4.0)
     following = Idm(*(jnp.asarray(value) for value in values))
@@ -25,8 +25,8 @@ def asked_mps2(speed_mps: float, follower_mps: float, gap_m: float) -> float:
     )
     yes, no = jnp.asarray([True]), jnp.asarray([False])
     found = requests(
-        ego, side, Blocked(no, yes), following_of(jnp.zeros(1, jnp.int32), (driver,)), jnp.asarray([9.0]), no, STEP_S,
-        STEP_S,
+        ego, side, Blocked(no, yes), following_of(jnp.zeros(1, jnp.int32), (driver,)), jnp.asarray([9.0]), no,
+        interval_s, STEP_S,
     )  # fmt: skip
     return float(found.follower_advice_mps2[0])
 
@@ -58,3 +58,14 @@ def test_a_faster_follower_is_asked_for_the_speed_behind_the_gap_after_the_step(
     first = follower_mps + STEP_S * idm_mps2(follower_mps, speed_mps, gap_m + STEP_S * speed_mps)
     expected = idm_mps2(follower_mps, speed_mps, gap_m + STEP_S * (speed_mps - first))
     assert asked_mps2(speed_mps, follower_mps, gap_m) == pytest.approx(expected, abs=2e-4)
+
+
+@pytest.mark.parametrize(("follower_mps", "interval_s", "expected"), [
+    (12.0, STEP_S, -DECELERATION), (12.0, 1.0, -DECELERATION), (7.0, STEP_S, -DECELERATION),
+    (7.0, 1.0, 3.0 + 10.0 / 3.6 - 7.0), (7.0, 0.5, (3.0 + 10.0 / 3.6 - 7.0) / 0.5),
+])  # fmt: skip
+def test_who_passes_a_waiting_merger_brakes_until_he_is_slow_enough_whatever_the_interval(
+    follower_mps: float, interval_s: float, expected: float
+) -> None:
+    """SUMO asks at each step for a step of braking, down to 10 km/h more than the merger drives."""
+    assert asked_mps2(3.0, follower_mps, 1.0, interval_s) == pytest.approx(expected, abs=2e-4)

@@ -1,0 +1,158 @@
+"""`python -m experiments.inflows`: inflows that calibrations find back on drawn roads, against the truth."""
+
+import json
+import multiprocessing
+import os
+import subprocess
+import sys
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from cyclopts import App, Parameter
+from cyclopts.validators import Number
+from rich.console import Console
+from rich.progress import track
+from rich.table import Table
+
+from experiments.blind_effects.generate import make_case
+from experiments.blind_effects.plan import CasePlan
+from experiments.inflows.information import inflow_bound
+from experiments.results.record import Row
+from experiments.results.record import record as keep
+from experiments.roads.drawn_road import DRAWN
+from jaxcalib.problem.engines import prepare_devices
+from jaxcalib.problem.problem import CalibrationProblem, read_problem
+from sim_adapters.atomic_file import write_atomically
+
+FIELD_SEED = 70_000  # of the first road's field
+MOST_RATIO = 1.5
+app = App(name="experiments.inflows", help="Inflows found back, against what the drives hold about them.")
+
+
+@app.default
+def inflows(
+    *,
+    roads: Annotated[int, Parameter(validator=Number(gte=1))] = 12,
+    first: Annotated[int, Parameter(validator=Number(gte=0))] = 0,
+    drives: Annotated[int, Parameter(validator=Number(gte=3))] = 12,
+    budget: Annotated[float, Parameter(validator=Number(gte=0.05, lte=100))] = 1.0,
+    out: Path = Path("inflows"),
+    record: Annotated[bool, Parameter(negative="")] = False,
+) -> int:
+    """Calibrate fields without effect on drawn roads; what is in OUT already is read.
+
+    Parameters
+    ----------
+    roads
+        Number of roads.
+    first
+        Seed of the first road; the others follow.
+    drives
+        Drives of each field, every third held out.
+    budget
+        Factor on the calibration's numbers of runs.
+    out
+        Folder for cases, RUNs and bounds.
+    record
+        Keep the table in experiments/results.
+    """
+    cores = len(os.sched_getaffinity(0))
+    prepare_devices(cores)
+    with ProcessPoolExecutor(cores, mp_context=multiprocessing.get_context("spawn")) as pool:
+        for seed in track(range(first, first + roads), "fields", console=Console(stderr=True)):
+            if not (out / "labels" / f"{seed}.json").is_file():
+                plan = CasePlan(f"{DRAWN}{seed}", f"{DRAWN}{seed}", "null", (), "IDM", FIELD_SEED + seed)
+                _write(out / "labels" / f"{seed}.json", make_case(plan, out, drives, 0, 0, pool))
+    rows: list[Row] = []
+    for seed in track(range(first, first + roads), "roads", console=Console(stderr=True)):
+        rows += _rows(seed, out, budget)
+    table = Table(title="inflows found back on fields without effect")
+    for heading in rows[0]:
+        table.add_column(heading)
+    for row in rows:
+        table.add_row(*map(str, row.values()))
+    notes = summary_of(rows)
+    Console().print(table)
+    Console().print("\n".join(notes))
+    if record:
+        keep("calibration", "inflows", rows, "Inflows found back over drawn roads", [f"- {note}" for note in notes])
+    return 0
+
+
+def summary_of(rows: Sequence[Row]) -> list[str]:
+    """Return what all inputs together show, one line each."""
+    known = [row for row in rows if np.isfinite(row["error / bound"])]
+    ratio = np.asarray([row["error / bound"] for row in known])
+    error = np.abs([row["found / truth - 1"] for row in rows])
+    return [
+        f"error over bound, root mean square: {np.sqrt(np.mean(ratio**2)):.2f}, median of sizes "
+        f"{np.median(np.abs(ratio)):.2f} ({len(known)} of {len(rows)} inputs; {MOST_RATIO:g} asked)",
+        f"error of an inflow, mean of sizes {error.mean():.1%}, largest {error.max():.1%}; of the scenario as it is "
+        f"{np.mean(np.abs([row['scenario / truth - 1'] for row in rows])):.1%}",
+    ]
+
+
+def _rows(seed: int, out: Path, budget: float) -> list[Row]:
+    case, run = out / "cases" / f"{DRAWN}{seed}", out / "runs" / f"{DRAWN}{seed}"
+    label = json.loads((out / "labels" / f"{seed}.json").read_text(encoding="utf-8"))
+    problem = read_problem(case)
+    bound_file = out / "bounds" / f"{seed}.json"
+    if not bound_file.is_file():
+        bound = inflow_bound(problem, truth_of(problem, label))
+        _write(bound_file, dict(zip(bound.names, bound.relative, strict=True)))
+    bounds = json.loads(bound_file.read_text(encoding="utf-8"))
+    if not (run / "result.json").is_file():
+        run.parent.mkdir(parents=True, exist_ok=True)
+        command = [
+            sys.executable,
+            "-m",
+            "jaxcalib",
+            "calibrate",
+            str(case),
+            "--out",
+            str(run),
+            "--budget",
+            f"{budget:g}",
+        ]
+        subprocess.run([*command, *(["--resume"] if run.exists() else [])], check=True, capture_output=True)
+    result = json.loads((run / "result.json").read_text(encoding="utf-8"))
+    found, scenario = result["parameters"]["demand"], problem.template.base_values()
+    rows: list[Row] = []
+    for number, name in enumerate(problem.layout.input_ids):
+        truth = label["inputs"][name]
+        error = found[name] / truth - 1.0
+        rows.append(
+            {
+                "road": seed,
+                "input": name,
+                "truth, veh/h": round(truth),
+                "scenario / truth - 1": round(float(scenario[number]) / truth - 1.0, 3),
+                "found / truth - 1": round(error, 3),
+                "bound": round(bounds[name], 3),
+                "error / bound": round(error / bounds[name], 2),
+                "search in": "SUMO" if result["confirmation"]["searched_in_sumo"] else "surrogate",
+            }
+        )
+    return rows
+
+
+def truth_of(problem: CalibrationProblem, label: dict[str, Any]) -> np.ndarray:
+    """Return a label's values in the order of the layout; what it does not have is the scenario's."""
+    values = problem.template.base_values()
+    known = label["inputs"] | label["theta"]
+    for number, name in enumerate(problem.layout.names):
+        values[number] = known.get(name, values[number])
+    return values
+
+
+def _write(file: Path, content: dict[str, Any]) -> None:
+    file.parent.mkdir(parents=True, exist_ok=True)
+    text = json.dumps(content, indent=1)
+    write_atomically(file, lambda stream: stream.write(text.encode()))
+
+
+if __name__ == "__main__":
+    sys.exit(app())

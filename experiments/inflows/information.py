@@ -1,0 +1,79 @@
+"""What drives hold about the inflows at best: the Cramér-Rao bound, by simulation at the truth.
+
+The moments that a calibration matches are nearly normal, with a mean that depends on the inflows and a covariance that
+single runs show. Their Fisher information about the inflows q is (dm/dq)' C^-1 (dm/dq) times the number of drives
+(Kay 1993, Eq. 3.31, less the covariance's own slope); no unbiased estimate from these moments has a smaller covariance
+than its inverse. Drivers are taken as known, which makes the bound smaller than anything that has to find them, too.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from experiments.fidelity.transfer import SPARE_CAPACITY
+from jaxcalib.calibration.objective.moments import Moments, all_moments, noise_covariance, observed_moments
+from jaxcalib.calibration.stages.evaluator import Evaluator
+from jaxcalib.problem.engines import surrogate_engine
+from jaxcalib.problem.parameter_space import round_values
+from jaxcalib.problem.problem import CalibrationProblem
+
+STEP = 0.05  # of an inflow, to each side
+NOISE_RUNS, SLOPE_RUNS = 384, 192
+SLOPE_SEEDS = 10_000  # from which the slopes' runs are numbered
+
+
+@dataclass(frozen=True)
+class Bound:
+    """Least standard errors of the inflows."""
+
+    names: tuple[str, ...]  # inputs
+    relative: tuple[float, ...]  # standard error over the true inflow; inf where the moments say nothing
+    num_moments: int  # that were observed often enough
+
+
+def inflow_bound(problem: CalibrationProblem, truth: Float[np.ndarray, " parameter"]) -> Bound:
+    """Return the bound.
+
+    Args:
+        problem: whose drives to fit say how many there are and when they depart.
+        truth: the field's parameter values.
+    """
+    departs_s = problem.departs_s("fit")
+    evaluator = Evaluator(surrogate_engine(problem, SPARE_CAPACITY, 0.0), departs_s, 0)
+    noise = _successful(evaluator, truth, NOISE_RUNS, 0)
+    moments = observed_moments(all_moments(problem.measures, problem.tally_index), problem.field_of("fit"), noise)
+    inverse = np.linalg.inv(noise_covariance(moments, noise))
+    first, second = (_slopes(problem, evaluator, moments, truth, SLOPE_SEEDS * (1 + half)) for half in range(2))
+    # slopes of two halves: their noise is no information
+    information = 0.5 * (first.T @ inverse @ second + second.T @ inverse @ first) * len(departs_s)
+    values, vectors = np.linalg.eigh(information)
+    with np.errstate(divide="ignore"):
+        variance = (vectors**2) @ np.where(values > 0.0, 1.0 / values, np.inf)
+    return Bound(problem.layout.input_ids, tuple(map(float, np.sqrt(variance))), len(moments.names))
+
+
+def _slopes(
+    problem: CalibrationProblem,
+    evaluator: Evaluator,
+    moments: Moments,
+    truth: Float[np.ndarray, " parameter"],
+    offset: int,
+) -> Float[np.ndarray, "moment input"]:
+    """Return the moments' changes per relative change of each inflow, on common random numbers."""
+    slopes = []
+    for number in range(problem.layout.num_inputs):
+        sides = []
+        for side in (1.0 + STEP, 1.0 - STEP):
+            values = truth.copy()
+            values[number] *= side
+            sides.append(moments.values(_successful(evaluator, values, SLOPE_RUNS, offset).sum(axis=0)))
+        slopes.append((sides[0] - sides[1]) / (2.0 * STEP))
+    return np.stack(slopes, axis=1)
+
+
+def _successful(
+    evaluator: Evaluator, values: Float[np.ndarray, " parameter"], num_runs: int, offset: int
+) -> Float[np.ndarray, "run tally"]:
+    runs = evaluator.evaluate(round_values(values)[None], evaluator.rounds_of(num_runs), offset).tally[0]
+    return runs[np.isfinite(runs).all(axis=1)]
