@@ -27,6 +27,7 @@ def make(
     key: Path,
     size: Size = "quick",
     road: list[str] | None = None,
+    drawn: Count = 0,
     drives: Annotated[int, Parameter(validator=Number(gte=2))] = 12,
     checks: Count = 6,
     twins: Count = 0,
@@ -44,7 +45,9 @@ def make(
     size
         3 cases, every effect once at each strength, or four times.
     road
-        Roads; all of them without this option.
+        Known roads; all of them without this option.
+    drawn
+        So many roads drawn at random from the key's own seed, instead of known ones.
     drives
         Drives of each case, every third held out.
     checks
@@ -60,7 +63,9 @@ def make(
     unknown = [name for name in roads if name not in ROADS]
     if unknown:
         raise SystemExit(f"--road: expected {' or '.join(ROADS)}, got {unknown[0]}.")
-    number = make_cases(out, key, size, roads, drives, checks, twins, jobs, first)
+    if road and drawn:
+        raise SystemExit("make: expected either --road or --drawn.")
+    number = make_cases(out, key, size, () if drawn else roads, drawn, drives, checks, twins, jobs, first)
     Console().print(f"{number} cases in {out}; publish the root in {out / 'seals.json'}, withhold {key}.")
     return 0
 

@@ -20,7 +20,7 @@ from experiments.blind_effects.raw_measures import raw_measures
 from experiments.blind_effects.seal import Label, new_salt, root_of, seal_of
 from experiments.blind_effects.sensors import logs
 from experiments.blind_effects.traffic_files import scenario_config, scenario_demand, write_files
-from experiments.roads.drawn_road import find_road
+from experiments.roads.drawn_road import drawn_roads, find_road
 from experiments.roads.road import Road
 
 Logs = tuple[pd.DataFrame, pd.DataFrame, float | None]
@@ -41,6 +41,7 @@ def make_cases(
     key_file: Path,
     size: Size,
     roads: tuple[str, ...],
+    drawn: int,
     drives: int,
     checks: int,
     twins: int,
@@ -50,19 +51,26 @@ def make_cases(
     """Make the cases of a plan that are not there yet and return how many there are.
 
     With `first`, only so many of the plan: its order is random, so they are a sample of it, and a later call with more
-    goes on.
+    goes on. So many roads as `drawn` says are drawn instead of `roads`; the key's seed alone tells which.
 
     Raises:
         ValueError: the key lies where whoever diagnoses could read it, or belongs to another plan.
     """
     if out.resolve() in key_file.resolve().parents:
         raise ValueError(f"{key_file}: expected outside {out}, where the labels stay withheld.")
-    settings: dict[str, Any] = {"size": size, "roads": list(roads), "drives": drives, "checks": checks, "twins": twins}
+    settings: dict[str, Any] = {
+        "size": size,
+        "roads": list(roads),
+        "drawn": drawn,
+        "drives": drives,
+        "checks": checks,
+        "twins": twins,
+    }
     key = _read(key_file) or {"seed": secrets.randbits(63), "settings": settings, "cases": {}}
     if key["settings"] != settings:
         raise ValueError(f"{key_file}: expected the key of this plan, it is of {key['settings']}.")
     _write(key_file, key)
-    plans = plan_cases(size, roads, key["seed"])[:first]
+    plans = plan_cases(size, roads or drawn_roads(drawn, key["seed"]), key["seed"])[:first]
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(jobs, mp_context=context) as pool, Progress() as progress:
         task = progress.add_task("cases", total=len(plans))

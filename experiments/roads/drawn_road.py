@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
+import numpy as np
 import sumolib
 from pyproj import Geod
 
@@ -39,6 +40,17 @@ def find_road(name: str) -> Road:
         raise ValueError(f"road: expected {', '.join(ROADS)} or {DRAWN}SEED, got {name!r}.")
     plan = draw_plan(int(seed))
     return road_of(plan, write_network(plan, Path(_networks().name) / name))
+
+
+def drawn_roads(number: int, seed: int) -> tuple[str, ...]:
+    """Return the names of so many roads drawn at random, each with an on-ramp: effects are put into those."""
+    rng = np.random.default_rng([seed, 29])
+    names: list[str] = []
+    while len(names) < number:
+        road = int(rng.integers(2**31))
+        if len(draw_plan(road).inputs_vehph) > 1:
+            names.append(f"{DRAWN}{road}")
+    return tuple(names)
 
 
 @cache

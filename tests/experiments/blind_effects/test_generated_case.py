@@ -15,7 +15,7 @@ from jaxcalib.problem.problem import read_problem
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(("road", "drives"), [("two_lane", 3)])
+@pytest.mark.parametrize(("road", "drives"), [("two_lane", 3), ("drawn-5", 3)])
 def test_the_program_reads_a_generated_case(road: str, drives: int, tmp_path: Path):
     plan = CasePlan("0badcafe", road, "single", (("sensor_noise", "medium"),), "IDM", 31)
     with ProcessPoolExecutor(2, mp_context=multiprocessing.get_context("spawn")) as pool:
@@ -43,11 +43,11 @@ def test_lanes_and_places_follow_the_route():
 
 def test_a_key_among_the_cases_is_refused(tmp_path: Path):
     with pytest.raises(ValueError, match="expected outside"):
-        make_cases(tmp_path, tmp_path / "key.json", "tiny", ("corridor",), 2, 0, 0, 1)
+        make_cases(tmp_path, tmp_path / "key.json", "tiny", ("corridor",), 0, 2, 0, 0, 1)
 
 
 def test_the_key_of_another_plan_is_refused(tmp_path: Path):
     key = tmp_path / "key.json"
     key.write_text(json.dumps({"seed": 1, "settings": {"size": "full"}, "cases": {}}))
     with pytest.raises(ValueError, match="expected the key of this plan"):
-        make_cases(tmp_path / "cases", key, "tiny", ("corridor",), 2, 0, 0, 1)
+        make_cases(tmp_path / "cases", key, "tiny", ("corridor",), 0, 2, 0, 0, 1)

@@ -13,7 +13,7 @@ from experiments.blind_effects.traffic_files import arrivals_s, field_demand
 from experiments.roads.road import ROADS
 
 
-@pytest.mark.parametrize("road", ROADS)
+@pytest.mark.parametrize("road", [*ROADS, "drawn-1", "drawn-6"])
 @pytest.mark.parametrize("effect", EFFECTS)
 @pytest.mark.parametrize("level", LEVELS)
 def test_every_injection_changes_the_field_and_nothing_of_its_baseline(road: str, effect: str, level: str):

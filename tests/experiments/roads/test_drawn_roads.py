@@ -6,7 +6,7 @@ import sumolib
 from hypothesis import given
 from hypothesis import strategies as st
 
-from experiments.roads.drawn_road import find_road
+from experiments.roads.drawn_road import drawn_roads, find_road
 from experiments.roads.road_plan import DEMAND_SHARES, LEAST_MAIN_VEHPH, draw_plan, lane_capacity_vehph
 
 SEEDS = st.integers(0, 10**6)
@@ -82,3 +82,11 @@ def test_ramps_lie_on_the_right() -> None:
 def test_an_unknown_road_is_refused(name: str, said: str) -> None:
     with pytest.raises(ValueError, match=said):
         find_road(name)
+
+
+def test_drawn_roads_are_their_seed_s_and_have_on_ramps() -> None:
+    names = drawn_roads(12, 99)
+    assert names == drawn_roads(12, 99) != drawn_roads(12, 100)
+    assert len(set(names)) == 12
+    plans = [draw_plan(int(name.removeprefix("drawn-"))) for name in names]
+    assert all(any(section.on_ramp for section in plan.sections) for plan in plans)
