@@ -45,35 +45,38 @@ def estimate_demand(
     template: WorldTemplate,
     road: ObservedRoad,
     field: SectionVolumes,
-    in_scenario: SectionVolumes | None = None,
+    simulated: SectionVolumes | None = None,
     observed_s: Sequence[tuple[float, float]] = (),
+    simulated_vehph: Float[np.ndarray, " input"] | None = None,
 ) -> DemandEstimate:
     """Estimate the inputs from the volume on each section.
 
     A drive does not see the demand itself: it counts itself, gathers others behind it, looks at its own hours only, and
-    sees of a full entrance what the lanes carry. Where the same drives have been simulated at the scenario's demand,
-    which is known, the field is compared with what they saw there, which all of that is in.
+    sees of a full entrance what the lanes carry. Where the same drives have been simulated at a known demand, the field
+    is compared with what they saw there, which all of that is in.
 
     Args:
         scenario: for routes and places.
         template: for the inputs and their flows.
         road: the sections.
         field: volumes that the field's drives show.
-        in_scenario: volumes that simulated drives show at the scenario's demand; what the demand would be without any
-            drive, where None.
+        simulated: volumes that simulated drives show at a known demand; what the scenario's demand would be without
+            any drive, where None.
         observed_s: begin and end of each of the field's drives on the scenario's clock: what comes at another time is
             not seen. All of it is where there are none.
+        simulated_vehph: inflows at which they were simulated; the scenario's unless given.
     """
     base = template.base_demand_vehph()
     passing, fixed_vehph = _steady_volumes(scenario, template, road, observed_s)
-    steady_vehph = passing.sum(axis=1) + fixed_vehph
-    believed = SectionVolumes(steady_vehph, np.zeros(len(steady_vehph))) if in_scenario is None else in_scenario
+    at = np.zeros(len(base)) if simulated_vehph is None else simulated_vehph / np.maximum(base, LEAST_VEHPH) - 1.0
+    steady_vehph = passing @ (1.0 + at) + fixed_vehph
+    believed = SectionVolumes(steady_vehph, np.zeros(len(steady_vehph))) if simulated is None else simulated
     error_vehph = np.hypot(field.error_vehph, believed.error_vehph)
     seen = np.isfinite(field.vehph - believed.vehph) & np.isfinite(error_vehph) & (error_vehph > 0)
     # where a drive sees less than the demand, it sees as much less of what is added to it
     answer = np.minimum(believed.vehph / np.maximum(steady_vehph, LEAST_VEHPH), 1.0)
     design = passing[seen] * answer[seen, None] / error_vehph[seen, None]
-    target = (field.vehph - believed.vehph)[seen] / error_vehph[seen]
+    target = (field.vehph - believed.vehph)[seen] / error_vehph[seen] + design @ at  # changes count from the scenario
     # unknowns: common factor and each input's own deviation from it
     num_inputs = len(base)
     wide = np.concatenate([design.sum(axis=1, keepdims=True), design], axis=1)
@@ -82,8 +85,8 @@ def estimate_demand(
     combine = np.concatenate([np.ones((num_inputs, 1)), np.eye(num_inputs)], axis=1)
     change = combine @ (covariance @ (wide.T @ target))
     error = np.sqrt(np.diag(combine @ covariance @ combine.T))
-    if in_scenario is not None:  # volumes answer in proportion near the scenario's demand only
-        error = np.hypot(error, BENT_SHARE * change)
+    if simulated is not None:  # volumes answer in proportion near the simulated demand only
+        error = np.hypot(error, BENT_SHARE * (change - at))
     return DemandEstimate(
         values_vehph=base * np.maximum(1.0 + change, LEAST_FACTOR), error_vehph=base * error, scenario_vehph=base
     )

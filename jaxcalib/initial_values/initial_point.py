@@ -16,6 +16,9 @@ from sim_adapters.units import SECONDS_PER_HOUR
 
 LEAST_VOLUME_ERROR = 0.03  # relative, of a section's volume: vehicles between two sections are counted in neither
 ERROR_OF_ONE_DRIVE = 0.1  # relative: a single drive says nothing of its own error
+KNOWN_WIDTHS = 3.0  # standard errors around what the logs say that are searched
+MOST_ROUNDS = 3  # of simulated drives at the demand that the round before found
+SETTLED = 0.05  # relative: a demand that changes by less was simulated near enough
 LEAST_INFLOW_ERROR = 0.05  # relative: what all sections share, such as a bottleneck that holds back what wants to come
 
 
@@ -37,20 +40,20 @@ def find_initial_point(
     scaling_factor: float,
     bounds: Mapping[str, tuple[float, float]],
     seed: int,
-    in_scenario: Callable[[Float[np.ndarray, " parameter"]], Float[np.ndarray, "run tally"] | None] = lambda values: (
-        None
-    ),
+    simulated: Callable[[Float[np.ndarray, " parameter"]], Float[np.ndarray, "run tally"] | None] = lambda values: None,
 ) -> InitialPoint:
     """Initial point of a problem.
 
     Args:
         problem: the problem.
-        scaling_factor: delta of Eqs. 5 and 6: how far inputs may leave their initial values.
+        scaling_factor: delta of Eqs. 5 and 6: how far inputs may leave their initial values, at least; the paper has a
+            scenario's counts there, here it is three standard errors where a few drives say less.
         bounds: the user's bounds, by name.
         seed: of random starts.
-        in_scenario: returns tallies of the drives to fit at the scenario's demand, see `estimate_demand`, for values of
-            all parameters: the scenario's inputs with the drivers that the logs show. With the scenario's own drivers a
-            road may jam that does not with real ones, and what it then lacks would be taken for missing demand.
+        simulated: returns tallies of the drives to fit for values of all parameters, see `estimate_demand`: with the
+            drivers that the logs show, for with the scenario's own a road may jam that does not with real ones, and
+            what it then lacks would be taken for missing demand. First at the scenario's demand, then, while that
+            changes, at the demand found, since volumes answer in proportion near a demand only.
 
     Raises:
         CaseError: bounds are wrong.
@@ -59,10 +62,11 @@ def find_initial_point(
     layout, model = problem.layout, problem.model
     behaviour = scenario_values[layout.num_inputs :]
 
-    def space_around(input_vehph: np.ndarray) -> ParameterSpace:
-        return parameter_space(layout, model, input_vehph, scaling_factor, bounds, behaviour=behaviour.tolist())
+    def space_around(input_vehph: np.ndarray, share: float | np.ndarray) -> ParameterSpace:
+        return parameter_space(layout, model, input_vehph, share, bounds, behaviour=behaviour.tolist())
 
-    around_scenario = space_around(problem.template.base_demand_vehph())  # of it, the drivers' part alone
+    base_vehph = problem.template.base_demand_vehph()
+    around_scenario = space_around(base_vehph, scaling_factor)  # of it, the drivers' part alone
     drivers = estimate_drivers(
         problem.scenario,
         around_scenario.of_first_group(),
@@ -73,16 +77,16 @@ def find_initial_point(
         seed,
     )
     drivers = drivers_of_all_groups(drivers, problem.scenario, around_scenario, behaviour)
-    known = round_values(np.concatenate([scenario_values[: layout.num_inputs], drivers.values]))
-    demand = demand_from_logs(problem, in_scenario(known))
-    space = space_around(np.minimum(demand.values_vehph, problem.template.most_demand_vehph))
+    demand = _settled_demand(problem, drivers.values, simulated)
+    inflow_error = np.hypot(demand.error_vehph, LEAST_INFLOW_ERROR * demand.values_vehph)
+    reach = np.maximum(scaling_factor, KNOWN_WIDTHS * inflow_error / demand.values_vehph)
+    space = space_around(np.minimum(demand.values_vehph, problem.template.most_demand_vehph), reach)
     for number, most_vehph in enumerate(problem.template.most_demand_vehph):
         bounds_vehph = space.ranges[number]
         if bounds_vehph.upper > most_vehph:
-            lower_vehph = min(bounds_vehph.lower, (1.0 - scaling_factor) * most_vehph)
+            lower_vehph = min(bounds_vehph.lower, (1.0 - float(reach[number])) * most_vehph)
             space = space.with_range(space.names[number], lower_vehph, float(most_vehph))
     values = np.clip(np.concatenate([demand.values_vehph, drivers.values]), space.lower, space.upper)
-    inflow_error = np.hypot(demand.error_vehph, LEAST_INFLOW_ERROR * demand.values_vehph)
     width = (space.upper - space.lower)[: layout.num_inputs]
     return InitialPoint(
         space=space,
@@ -112,23 +116,50 @@ def without_driver_logs(initial: InitialPoint) -> InitialPoint:
     )
 
 
+def _settled_demand(
+    problem: CalibrationProblem,
+    drivers: Float[np.ndarray, " driver_parameter"],
+    simulated: Callable[[Float[np.ndarray, " parameter"]], Float[np.ndarray, "run tally"] | None],
+) -> DemandEstimate:
+    """Inflows that the drives to fit show, simulated near those inflows."""
+    at_vehph = problem.template.base_demand_vehph()
+    demand = None
+    for _ in range(MOST_ROUNDS):
+        tallies = simulated(round_values(np.concatenate([at_vehph, drivers])))
+        if demand is not None and (tallies is None or not len(tallies)):
+            return demand
+        demand = demand_from_logs(problem, tallies, at_vehph)
+        found_vehph = np.minimum(demand.values_vehph, problem.template.most_demand_vehph)
+        is_settled = np.all(np.abs(found_vehph - at_vehph) <= SETTLED * at_vehph)
+        if tallies is None or not len(tallies) or is_settled:
+            return demand
+        at_vehph = found_vehph
+    assert demand is not None
+    return demand
+
+
 def demand_from_logs(
-    problem: CalibrationProblem, in_scenario: Float[np.ndarray, "run tally"] | None = None
+    problem: CalibrationProblem,
+    simulated: Float[np.ndarray, "run tally"] | None = None,
+    simulated_vehph: Float[np.ndarray, " input"] | None = None,
 ) -> DemandEstimate:
     """Inflows that the drives to fit show.
 
     Args:
         problem: the problem.
-        in_scenario: tallies of the same drives at the scenario's demand, which is known; None where there are none.
+        simulated: tallies of the same drives at a known demand; None where there are none.
+        simulated_vehph: that demand; the scenario's unless given.
     """
-    scenario_volume = None if in_scenario is None or not len(in_scenario) else section_volumes(problem, in_scenario)
+    simulated_volume = None if simulated is None or not len(simulated) else section_volumes(problem, simulated)
     field_volume = section_volumes(problem, problem.field_of("fit"))
     observed_s = [
         (drive.depart_s, drive.depart_s + float(np.ptp(log.subject.time_s)))
         for drive, log in zip(problem.case.drives, problem.drives, strict=True)
         if drive.role == "fit"
     ]
-    return estimate_demand(problem.scenario, problem.template, problem.road, field_volume, scenario_volume, observed_s)
+    return estimate_demand(
+        problem.scenario, problem.template, problem.road, field_volume, simulated_volume, observed_s, simulated_vehph
+    )
 
 
 def section_volumes(problem: CalibrationProblem, tallies: Float[np.ndarray, "drive tally"]) -> SectionVolumes:

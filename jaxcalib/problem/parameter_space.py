@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from jaxtyping import Float
 
 from jaxcalib.errors import CaseError, quote
 from sim_adapters.interface import ParameterLayout
@@ -162,7 +163,7 @@ def parameter_space(
     layout: ParameterLayout,
     model: str,
     input_vehph: np.ndarray,
-    scaling_factor: float,
+    scaling_factor: float | Float[np.ndarray, " input"],
     bounds: Mapping[str, tuple[float, float]],
     file: str = "settings",
     behaviour: Sequence[float] | None = None,
@@ -173,7 +174,7 @@ def parameter_space(
         layout: meaning of the numbers.
         model: car-following model.
         input_vehph: initial value of each input.
-        scaling_factor: delta of Eqs. 5 and 6.
+        scaling_factor: delta of Eqs. 5 and 6, for all inputs or for each.
         bounds: the user's bounds, by name; those of a plain attribute hold for each group without bounds of its own.
         file: for messages.
         behaviour: the scenario's driver parameters, which lie within the bounds even where traffic has others.

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from jaxcalib.initial_values.initial_point import KNOWN_WIDTHS
+
 NARROWEST = 1e-3  # of the unit range
-KNOWN_WIDTHS = 3.0  # standard errors around what the logs say
 LEAST_HALF_WIDTH = 0.01  # of the unit range
 UNKNOWN_HALF_WIDTH = 0.35  # of the unit range, where the logs are silent
 INSIDE = 1e-6  # of the unit range: values are rounded

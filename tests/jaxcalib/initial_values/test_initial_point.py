@@ -185,3 +185,48 @@ def test_a_fit_that_ends_at_the_bounds_is_not_believed(values: list[float], expl
     lower, upper = np.asarray([0.4, 0.5, 0.0, 0.3]), np.asarray([3.0, 6.0, 1.0, 5.0])
     fit = SimpleNamespace(values=np.asarray(values), explained_share=explained_share)
     assert is_believed(fit, lower, upper, 1) == believed  # pyright: ignore[reportArgumentType]
+
+
+def test_drives_simulated_at_another_known_demand_tell_the_same_inflows(small_problem: CalibrationProblem) -> None:
+    """Nothing of where the simulation was made is left but the error of what may not answer in proportion."""
+    problem, at_vehph = small_problem, np.asarray([2050.0, 590.0])
+    error = np.full(problem.road.num_sections, 2.0)
+    gathered_vehph = np.linspace(300.0, 900.0, len(error))
+    simulated = SectionVolumes(section_volumes(problem, *at_vehph) + gathered_vehph, error)
+    field = SectionVolumes(section_volumes(problem, 2000.0, 600.0) + gathered_vehph, error)
+    found = estimate_demand(problem.scenario, problem.template, problem.road, field, simulated, (), at_vehph)
+    np.testing.assert_allclose(found.values_vehph, [2000.0, 600.0], rtol=0.005)
+    far = estimated(
+        problem, field.vehph, error, SectionVolumes(section_volumes(problem, 2700.0, 420.0) + gathered_vehph, error)
+    )
+    assert (found.error_vehph < 0.5 * far.error_vehph).all()
+
+
+def test_drives_are_simulated_again_until_the_demand_settles(small_problem: CalibrationProblem) -> None:
+    """Drives that see the root of the demand: one comparison, which takes them to answer in proportion, falls short."""
+    field = small_problem.field_of("fit")
+    index = [small_problem.tally_index[f"section_speed[{s}]"] for s in range(small_problem.road.num_sections)]
+    scenario_vehph = small_problem.template.base_demand_vehph()
+    true_factor, asked_vehph = 0.6, []
+
+    def simulated(values: np.ndarray) -> np.ndarray:
+        asked_vehph.append(values[:2])
+        tallies = field.copy()
+        tallies[:, index] *= np.sqrt(values[0] / scenario_vehph[0] / true_factor)
+        return tallies
+
+    found = find_initial_point(small_problem, 0.2, {}, 0, simulated)
+    assert 1 < len(asked_vehph) <= 3
+    np.testing.assert_allclose(asked_vehph[0], scenario_vehph, rtol=1e-5)
+    errors = [abs(values[0] / scenario_vehph[0] - true_factor) for values in (*asked_vehph, found.values)]
+    assert errors[-1] < 0.5 * errors[1] < 0.25 * errors[0]
+
+
+def test_inflows_are_searched_as_far_as_their_error_reaches(small_problem: CalibrationProblem) -> None:
+    certain = find_initial_point(small_problem, 0.2, {}, 0)
+    known = {"main": (100.0, 200.0)}
+    reach = (certain.space.upper[:2] - certain.values[:2]) / certain.values[:2]
+    error = certain.unit_error[:2] * (certain.space.upper - certain.space.lower)[:2] / certain.values[:2]
+    np.testing.assert_allclose(reach, np.maximum(0.2, 3.0 * error), rtol=1e-3)
+    asked = find_initial_point(small_problem, 0.2, known, 0)
+    assert (asked.space.lower[0], asked.space.upper[0]) == known["main"]
