@@ -1,11 +1,9 @@
 """How a vehicle that must change lane and its neighbours there adapt their speeds.
 
 Who must change follows the leader in the target lane, or overtakes him if there is time; and he asks the follower to
-open a gap, if that can work in the time left, or else lets him pass. Source: `MSLCM_LC2013::informLeader` and
-`informFollower` (semi-implicit Euler branch), and what SUMO 1.28 was seen to do beyond its older sources: a follower
-who could stand within a second is asked for no more than the speed behind a gap that is 0.1 m shorter. (6,500 requests
-on `corridor`: 98 in 100 of the followers' next accelerations are met to 0.05 m/s², 86 without that rule, which lets
-slow followers creep up until nobody can merge.)
+open a gap, if that can work in the time left, or else lets him pass. Whoever creeps behind one who cannot change stays
+clear of him. Source: `MSLCM_LC2013::informLeader`, `informFollower` (semi-implicit Euler branch) and
+`slowDownForBlocked`.
 """
 
 import equinox as eqx
@@ -14,6 +12,7 @@ from jaxtyping import Array, Bool, Float
 
 from surrogate.car_following.safe_speed import brake_gap_m
 from surrogate.lane_change.gap_acceptance import Blocked, Ego, Following
+from surrogate.road.neighbours import Neighbour
 from surrogate.vehicle.car_following_model import FollowingSituation
 from surrogate.vehicle.lane_change_model import Side
 from surrogate.vehicle.vehicle_class import CarFollowingMix
@@ -187,15 +186,48 @@ def _opening(follower: _Follower, help_decel: Value, remaining_s: Value) -> _Ope
     needed_m = follower.secure_m(in_one_second, planned)
     first = jnp.maximum(next_step, follower.follow_mps(gap_m + step_s * planned))
     just_enough = jnp.maximum(next_step, follower.follow_mps(gap_m + step_s * (planned - first)))
-    # whoever could stand within that second must not creep into the gap
-    keeps_clear = jnp.maximum(next_step, follower.follow_mps(gap_m - CREEPING_MARGIN_M))
-    just_enough = jnp.where(in_one_second > 0.0, just_enough, jnp.minimum(just_enough, keeps_clear))
     return _Opening(
         next_mps=next_step,
         just_enough_mps=just_enough,
         helps_now=(gap_then_m > 0.0) & (gap_then_m >= needed_m),
         helps_eventually=(difference > 0.0) & (difference * remaining_s > needed_m - gap_then_m + 0.1),
     )
+
+
+def keep_clear_mps2(
+    ego: Ego,
+    other: Neighbour,
+    gap_m: Value,
+    desired_mps: Value,
+    following: Following,
+    step_s: float,
+) -> Value:
+    """Acceleration of those who creep in the target lane behind a vehicle that cannot change; inf for all others.
+
+    SUMO has everybody on the edge look at the nearest such vehicle ahead and at the first of all; here the two behind
+    it do, for whoever is further back follows one of these more closely.
+
+    Args:
+        ego: the vehicles that cannot change.
+        other: who is behind each of them in the target lane.
+        gap_m: gap to that one less its jam gap.
+        desired_mps: speed that it wants.
+        following: car-following models.
+        step_s: length of a time step.
+    """
+    models = following.of(other.vehicle_class)
+    situation = FollowingSituation(
+        speed_mps=other.speed_mps,
+        gap_m=gap_m - CREEPING_MARGIN_M + models.field("jam_gap_m"),
+        leader_speed_mps=ego.speed_mps,
+        leader_acceleration_mps2=ego.acceleration_mps2,
+        acceleration_mps2=other.acceleration_mps2,
+        desired_speed_mps=desired_mps,
+        uniform=jnp.full_like(ego.speed_mps, 0.5),
+    )
+    creeps = other.exists & (other.speed_mps < models.field("max_deceleration_mps2")) & (gap_m > CREEPING_MARGIN_M)
+    advice = (models.follow_speed_mps(situation, step_s) - other.speed_mps) / step_s
+    return jnp.where(creeps, advice, NO_ADVICE)
 
 
 def _deal_with_follower(

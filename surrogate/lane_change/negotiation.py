@@ -8,14 +8,15 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from surrogate.lane_change.cooperation import NO_ADVICE, requests
+from surrogate.lane_change.cooperation import NO_ADVICE, keep_clear_mps2, requests
 from surrogate.lane_change.counter_change import leave_room
-from surrogate.lane_change.gap_acceptance import Following
+from surrogate.lane_change.gap_acceptance import Ego, Following
 from surrogate.lane_change.lanes import Lanes
 from surrogate.lane_change.old_follower import OldFollower
 from surrogate.lane_change.surroundings import Wanted, following_of
 from surrogate.lane_change.vehicles_on_road import VehiclesOnRoad
 from surrogate.lane_change.view import judge_gaps, look_around
+from surrogate.road.neighbours import Neighbour
 from surrogate.vehicle.vehicle_class import VehicleClass
 from surrogate.xla.compaction import first_true
 from surrogate.xla.gather import take
@@ -56,6 +57,8 @@ class _Asking(eqx.Module):
     follower: Int[Array, " vehicle"]  # entry of the follower
     follower_advice_mps2: Value  # acceleration for him; inf where none
     asks_follower: Flag  # whether he is asked to make room
+    second: Int[Array, " vehicle"]  # entry of who follows the follower
+    second_advice_mps2: Value  # acceleration for him; inf where none
     is_right: Flag  # whether the lane is on the right
 
 
@@ -108,14 +111,24 @@ def negotiate(
             of_receiver = following_of(take(everybody.vehicle_class, receiver), classes)
             return jnp.where(exists & (advice_mps2 >= hardest_mps2(of_receiver)), advice_mps2, NO_ADVICE)
 
+        last = everybody.row.shape[0] - 1
+        behind = [on_road.neighbour(jnp.minimum(side.leader_entry + place, last), side.row) for place in (1, 2)]
+        clear = [
+            heard(one.entry, one.exists & gaps.at_all, _kept_clear(part, ego, one, wanted, following, step_s))
+            for one in behind
+        ]
         own = request.own_advice_mps2
         return _Asking(
             own_advice_mps2=jnp.minimum(jnp.where(own >= hardest_mps2(following), own, NO_ADVICE), own_stop),
             leader=leader,
             leader_advice_mps2=jnp.minimum(heard(leader, side.leader_exists, request.leader_advice_mps2), leader_stop),
             follower=side.follower_entry,
-            follower_advice_mps2=heard(side.follower_entry, side.follower_exists, request.follower_advice_mps2),
+            follower_advice_mps2=jnp.minimum(
+                heard(side.follower_entry, side.follower_exists, request.follower_advice_mps2), clear[0]
+            ),
             asks_follower=request.asks_follower & side.follower_exists,
+            second=behind[1].entry,
+            second_advice_mps2=clear[1],
             is_right=is_right,
         )
 
@@ -129,6 +142,7 @@ def negotiate(
         return advice.at[receiver].min(jnp.where(is_chosen, advice_mps2, NO_ADVICE), mode="promise_in_bounds")
 
     asked = told(nothing, asking.leader, asking.leader_advice_mps2)
+    asked = told(asked, asking.second, asking.second_advice_mps2)
     asks = is_chosen & asking.asks_follower
     return Asked(
         own_advice_mps2=told(nothing, entry, asking.own_advice_mps2),
@@ -136,6 +150,17 @@ def negotiate(
         help_right=nobody.at[asking.follower].max(asks & asking.is_right, mode="promise_in_bounds"),
         help_left=nobody.at[asking.follower].max(asks & ~asking.is_right, mode="promise_in_bounds"),
     )
+
+
+def _kept_clear(
+    part: VehiclesOnRoad, ego: Ego, other: Neighbour, wanted: Wanted, following: Following, step_s: float
+) -> Value:
+    """Acceleration asked of who is behind each vehicle in the target lane, on the same edge; inf where none."""
+    other_jam_m = following.of(other.vehicle_class).field("jam_gap_m")
+    gap_m = part.vehicles.position_m - ego.length_m - other.position_m - other_jam_m
+    desired_mps = take(wanted.everybodys_mps, other.entry)
+    is_beside = take(part.everybodys_edge_start_m, other.entry) == part.edge_start_m
+    return jnp.where(is_beside, keep_clear_mps2(ego, other, gap_m, desired_mps, following, step_s), NO_ADVICE)
 
 
 def hardest_mps2(following: Following) -> Value:

@@ -4,10 +4,11 @@ import jax.numpy as jnp
 import pytest
 
 from surrogate.car_following.idm import Idm
-from surrogate.lane_change.cooperation import requests
+from surrogate.lane_change.cooperation import keep_clear_mps2, requests
 from surrogate.lane_change.gap_acceptance import Blocked
 from surrogate.lane_change.registry import lane_change_model
 from surrogate.lane_change.surroundings import following_of
+from surrogate.road.neighbours import Neighbour
 from surrogate.vehicle.vehicle_class import VehicleClass
 from tests.surrogate.lane_change.lane_scene import lane_scene
 
@@ -16,6 +17,13 @@ LENGTH, JAM_GAP, TIME_GAP, ACCELERATION, DECELERATION, DESIRED, STEP_S = 4.8, 1.
 
 def asked_mps2(speed_mps: float, follower_mps: float, gap_m: float, interval_s: float = STEP_S) -> float:
     """Return the acceleration asked of a follower in the way, who is `gap_m` behind with his jam gap kept."""
+    return min(asked_and_clear_mps2(speed_mps, follower_mps, gap_m, interval_s))
+
+
+def asked_and_clear_mps2(
+    speed_mps: float, follower_mps: float, gap_m: float, interval_s: float = STEP_S
+) -> tuple[float, float]:
+    """Return what such a follower is asked for, and the acceleration that keeps him clear if he creeps."""
     values = (JAM_GAP, TIME_GAP, ACCELERATION, DECELERATION, 9.0, 4.0)
     following = Idm(*(jnp.asarray(value) for value in values))
     model = lane_change_model("lc2013").build({})
@@ -24,11 +32,11 @@ def asked_mps2(speed_mps: float, follower_mps: float, gap_m: float, interval_s: 
         speed_mps, LENGTH, JAM_GAP, DESIRED, None, None, (gap_m + JAM_GAP, follower_mps), None, 260.0
     )
     yes, no = jnp.asarray([True]), jnp.asarray([False])
-    found = requests(
-        ego, side, Blocked(no, yes), following_of(jnp.zeros(1, jnp.int32), (driver,)), jnp.asarray([9.0]), no,
-        interval_s, STEP_S,
-    )  # fmt: skip
-    return float(found.follower_advice_mps2[0])
+    everybody = following_of(jnp.zeros(1, jnp.int32), (driver,))
+    found = requests(ego, side, Blocked(no, yes), everybody, jnp.asarray([9.0]), no, interval_s, STEP_S)
+    behind = Neighbour(side.follower_entry, yes, -side.follower_gap_m, side.follower_speed_mps, jnp.zeros(1), no * 0)
+    clear = keep_clear_mps2(ego, behind, side.follower_gap_m, side.follower_max_speed_mps, everybody, STEP_S)
+    return float(found.follower_advice_mps2[0]), float(clear[0])
 
 
 def idm_mps2(speed_mps: float, leader_mps: float, gap_m: float) -> float:
@@ -69,3 +77,10 @@ def test_who_passes_a_waiting_merger_brakes_until_he_is_slow_enough_whatever_the
 ) -> None:
     """SUMO asks at each step for a step of braking, down to 10 km/h more than the merger drives."""
     assert asked_mps2(3.0, follower_mps, 1.0, interval_s) == pytest.approx(expected, abs=2e-4)
+
+
+@pytest.mark.parametrize(("follower_mps", "gap_m"), [(DECELERATION, 4.0), (9.0, 4.0), (1.0, 0.1), (1.0, -3.0)])
+def test_only_those_who_creep_behind_keep_clear(follower_mps: float, gap_m: float) -> None:
+    """Source: `slowDownForBlocked`: slower than a second of braking, and more than 0.1 m behind."""
+    assert asked_and_clear_mps2(0.5, follower_mps, gap_m)[1] == float("inf")
+    assert asked_and_clear_mps2(0.5, 0.9 * DECELERATION, 0.2)[1] < 0.0
