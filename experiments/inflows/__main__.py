@@ -84,14 +84,16 @@ def inflows(
 
 def summary_of(rows: Sequence[Row]) -> list[str]:
     """Return what all inputs together show, one line each."""
-    known = [row for row in rows if np.isfinite(row["error / bound"])]
-    ratio = np.asarray([row["error / bound"] for row in known])
-    error = np.abs([row["found / truth - 1"] for row in rows])
+    ratio, error, scenario = (
+        np.asarray([row[name] for row in rows], float)
+        for name in ("error / bound", "found / truth - 1", "scenario / truth - 1")
+    )
+    known = ratio[np.isfinite(ratio)]
     return [
-        f"error over bound, root mean square: {np.sqrt(np.mean(ratio**2)):.2f}, median of sizes "
-        f"{np.median(np.abs(ratio)):.2f} ({len(known)} of {len(rows)} inputs; {MOST_RATIO:g} asked)",
-        f"error of an inflow, mean of sizes {error.mean():.1%}, largest {error.max():.1%}; of the scenario as it is "
-        f"{np.mean(np.abs([row['scenario / truth - 1'] for row in rows])):.1%}",
+        f"error over bound, root mean square: {np.sqrt(np.mean(known**2)):.2f}, median of sizes "
+        f"{np.median(np.abs(known)):.2f} ({len(known)} of {len(rows)} inputs; {MOST_RATIO:g} asked)",
+        f"error of an inflow, mean of sizes {np.abs(error).mean():.1%}, largest {np.abs(error).max():.1%}; of the "
+        f"scenario as it is {np.abs(scenario).mean():.1%}",
     ]
 
 
