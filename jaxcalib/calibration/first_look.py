@@ -1,7 +1,8 @@
 """What both simulators show at the scenario's demand before any search: whether they agree, and what drives see there.
 
 They are compared at the scenario's own values and, where they do not agree there, with the drivers that the logs show:
-there the search begins, and a road that jams with the scenario's drivers may not jam with real ones.
+there the search begins, and a road that jams with the scenario's drivers may not jam with real ones. A surrogate that
+still differs may agree with more frequent decisions.
 """
 
 from collections.abc import Callable
@@ -22,6 +23,7 @@ from jaxcalib.runs.session import Session
 AGREEMENT = "agreement"  # these runs, for the times
 IN_SCENARIO = "at the scenario's values"
 WITH_LOGGED_DRIVERS = "at the scenario's demand with the logs' drivers"
+WITH_FINER_DECISIONS = f"{WITH_LOGGED_DRIVERS} and more frequent decisions"
 
 Tallies = Float[np.ndarray, "run tally"]
 
@@ -32,6 +34,7 @@ class FirstLook:
     Attributes:
         agreements: surrogate against SUMO, in the order in which they were compared.
         agrees: whether the surrogate may make the search's runs.
+        surrogate: the one that may, or else the usual one; None where there is none.
         warnings: what a user should know of the scenario's runs, one line each.
     """
 
@@ -43,6 +46,7 @@ class FirstLook:
         plan: Budget,
         session: Session,
         scenario_runs: Callable[[], FinalRuns],
+        finer: Callable[[], Evaluator | None] = lambda: None,
     ) -> None:
         """Keep what is needed for the runs.
 
@@ -53,8 +57,9 @@ class FirstLook:
             plan: numbers of runs.
             session: is told of the runs and their time.
             scenario_runs: waits for SUMO's runs of the scenario as it is.
+            finer: returns a surrogate with more frequent decisions, if there can be one.
         """
-        self._problem, self._surrogate, self._sumo = problem, surrogate, sumo
+        self._problem, self.surrogate, self._sumo, self._finer = problem, surrogate, sumo, finer
         self._plan, self._session, self._scenario_runs = plan, session, scenario_runs
         self.agreements: list[Agreement] = []
         self.agrees = surrogate is not None
@@ -83,14 +88,14 @@ class FirstLook:
     def _compared(self, values: Float[np.ndarray, " parameter"], in_scenario: Tallies) -> Tallies:
         problem, sumo, plan = self._problem, self._sumo, self._plan
         num_sumo_runs = sumo.rounds_of(plan.confirmation_runs)
-        if self._surrogate is None or not len(in_scenario):
+        if self.surrogate is None or not len(in_scenario):
             return successful_tallies(problem, sumo, values, num_sumo_runs)
-        num_runs = self._num_runs(self._surrogate)
+        num_runs = self._num_runs(self.surrogate)
         as_it_is = round_values(problem.template.base_values())
-        ours = successful_tallies(problem, self._surrogate, as_it_is, num_runs)
+        ours = successful_tallies(problem, self.surrogate, as_it_is, num_runs)
         first = compare_sections(problem, ours.sum(axis=0), in_scenario, IN_SCENARIO)
         self.agreements.append(first)
-        ours = successful_tallies(problem, self._surrogate, values, num_runs)
+        ours = successful_tallies(problem, self.surrogate, values, num_runs)
         if first.holds:
             return ours
         theirs = successful_tallies(problem, sumo, values, num_sumo_runs)
@@ -98,12 +103,16 @@ class FirstLook:
             self.agrees = False
             return theirs
         self.agreements.append(compare_sections(problem, ours.sum(axis=0), theirs, WITH_LOGGED_DRIVERS))
+        if not self.agreements[-1].holds and (finer := self._finer()) is not None:
+            ours = successful_tallies(problem, finer, values, num_runs)
+            self.agreements.append(compare_sections(problem, ours.sum(axis=0), theirs, WITH_FINER_DECISIONS))
+            self.surrogate = finer if self.agreements[-1].holds else self.surrogate
         self.agrees = self.agreements[-1].holds
         return ours if self.agrees else theirs
 
     def _in_chosen_simulator(self, values: Float[np.ndarray, " parameter"]) -> Tallies:
-        if self._surrogate is not None and self.agrees:
-            return successful_tallies(self._problem, self._surrogate, values, self._num_runs(self._surrogate))
+        if self.surrogate is not None and self.agrees:
+            return successful_tallies(self._problem, self.surrogate, values, self._num_runs(self.surrogate))
         num_runs = self._sumo.rounds_of(self._plan.confirmation_runs)
         return successful_tallies(self._problem, self._sumo, values, num_runs)
 

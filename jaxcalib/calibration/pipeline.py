@@ -1,5 +1,6 @@
 """One call calibrates a case: initial values, two stages in the surrogate, confirmation in SUMO, final errors."""
 
+import functools
 import os
 import time
 from collections.abc import Callable
@@ -20,7 +21,7 @@ from jaxcalib.calibration.value_search import SearchedValues, plan_calibration, 
 from jaxcalib.case.case import Role
 from jaxcalib.cluster.opening import sumo_workers_at
 from jaxcalib.errors import CaseError
-from jaxcalib.problem.engines import prepare_devices, sumo_engine, surrogate_engine
+from jaxcalib.problem.engines import finer_surrogate_engine, prepare_devices, sumo_engine, surrogate_engine
 from jaxcalib.problem.parameter_space import parameter_space, round_values
 from jaxcalib.problem.problem import CalibrationProblem, read_problem
 from jaxcalib.problem.settings import Settings, read_settings
@@ -135,12 +136,15 @@ def find_and_judge_values(
     session.stopwatch.add("reading", time.perf_counter() - session.began_s)
     session.progress.plan(plan.num_surrogate_runs, plan.num_sumo_runs)
     engine = None if in_sumo else surrogate_engine(problem)
+    finer = functools.cache(lambda: finer_surrogate_engine(problem))
     with sumo_engine(problem, workers=session.sumo_workers) as sumo_pool:
         sumo = JournaledSumo(sumo_pool, session.journal)
         waiting = start_scenario_runs(problem, sumo, plan, session)
         searched = search_values(
-            problem, settings, plan, engine, sumo, session, waiting, may_leave_surrogate=may_leave_surrogate
-        )
+            problem, settings, plan, engine, sumo, session, waiting,
+            may_leave_surrogate=may_leave_surrogate, finer=finer,
+        )  # fmt: skip
+        engine = finer() if searched.decides_finer else engine
         on_held_out = None
         if engine is not None and not searched.is_in_sumo:
             on_held_out = surrogate_on_held_out(problem, engine, searched, plan, session)

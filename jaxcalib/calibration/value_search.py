@@ -45,6 +45,7 @@ class SearchedValues:
     # surrogate was not asked
     agreements: tuple[Agreement, ...]
     is_in_sumo: bool  # whether SUMO made the search's runs
+    decides_finer: bool  # whether the surrogate that made them decides more often than usual
     num_surrogate_runs: int  # on the drives to fit
     num_sumo_search_runs: int  # drives of the search in SUMO, apart from those that confirm
     warnings: tuple[str, ...]  # what the runs of the scenario as it is showed, one line each
@@ -65,6 +66,7 @@ def search_values(
     scenario_runs: Callable[[], FinalRuns],
     *,
     may_leave_surrogate: bool = False,
+    finer: Callable[[], JaxSimulator | None] = lambda: None,
 ) -> SearchedValues:
     """Search the parameter values of a problem on the drives to fit, and confirm them in SUMO.
 
@@ -77,13 +79,19 @@ def search_values(
         session: seeds, journal, progress and time of the command.
         scenario_runs: waits for SUMO's runs of the scenario as it is; see `start_scenario_runs`.
         may_leave_surrogate: whether SUMO makes the search's runs where the surrogate does not drive as it does.
+        finer: returns a surrogate with more frequent decisions, which is tried before that.
 
     Raises:
         AllRunsFailedError: a simulator failed; where SUMO cannot run the scenario as it is, before the search begins.
     """
     in_sumo = _sumo_evaluator(problem, sumo, session, SEARCH_SEED)
-    surrogate = None if engine is None else _surrogate_evaluator(problem, engine, session)
-    look = FirstLook(problem, surrogate, in_sumo, plan, session, scenario_runs)
+    usual = None if engine is None else _surrogate_evaluator(problem, engine, session)
+
+    def with_finer_decisions() -> Evaluator | None:
+        other = finer()
+        return None if other is None else _surrogate_evaluator(problem, other, session)
+
+    look = FirstLook(problem, usual, in_sumo, plan, session, scenario_runs, with_finer_decisions)
     with ThreadPoolExecutor(1) as thread:
         compiled = thread.submit(engine.prepare if engine else lambda: None)  # meanwhile the logs are fitted
 
@@ -96,13 +104,16 @@ def search_values(
             initial = find_initial_point(problem, settings.scaling_factor, settings.bounds, session.seed, tallies_with)
             if "logs" in settings.without:
                 initial = without_driver_logs(initial)
-    agreements = look.agreements
+    agreements, surrogate = look.agreements, look.surrogate
     is_in_sumo = surrogate is None or (may_leave_surrogate and not look.agrees)
     if is_in_sumo and surrogate is not None:
         plan = in_sumo_alone(plan, problem, plan.scale)
         session.progress.plan(plan.num_surrogate_runs, plan.num_sumo_runs)
     if any(not agreement.holds for agreement in agreements):
-        where = "so SUMO makes the search's runs" if is_in_sumo else "so the search stays in the surrogate"
+        stays = (
+            "so the surrogate decides more often" if surrogate is not usual else "so the search stays in the surrogate"
+        )
+        where = "so SUMO makes the search's runs" if is_in_sumo else stays
         session.progress.notes([*map(str, agreements[:-1]), f"{agreements[-1]}; {where}."])
     evaluator = in_sumo if is_in_sumo or surrogate is None else surrogate
     found = search_two_stages(problem, initial, evaluator, settings, plan, session)
@@ -124,7 +135,8 @@ def search_values(
         confirmation=confirmation,
         agreements=tuple(agreements),
         is_in_sumo=is_in_sumo,
-        num_surrogate_runs=surrogate.num_runs if surrogate else 0,
+        decides_finer=surrogate is not usual,
+        num_surrogate_runs=sum(one.num_runs for one in {usual, surrogate} if one is not None),
         num_sumo_search_runs=in_sumo.num_runs,
         warnings=tuple(look.warnings),
     )

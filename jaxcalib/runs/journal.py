@@ -91,7 +91,7 @@ class JournaledSurrogate:
 
         A call is journaled as a whole, because the room that it needs is found out in it.
         """
-        engine = f"surrogate-{self._simulator.capacity}"
+        engine = self._engine
         known = [self._journal.find(engine, request) for request in requests]
         if all(outcome is not None for outcome in known):
             return [outcome for outcome in known if outcome is not None]
@@ -99,9 +99,14 @@ class JournaledSurrogate:
         before = self._simulator.compile_s
         outcomes = self._simulator.run(requests)
         elapsed_s = time.perf_counter() - began - (self._simulator.compile_s - before)
-        if f"surrogate-{self._simulator.capacity}" == engine:
+        if self._engine == engine:
             self._journal.add(engine, outcomes, elapsed_s)
         return outcomes
+
+    @property
+    def _engine(self) -> str:
+        """What its runs depend on beside what is asked."""
+        return f"surrogate-{self._simulator.capacity}-{self._simulator.decision_interval_s:g}"
 
 
 class JournaledSumo:

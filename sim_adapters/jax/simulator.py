@@ -106,6 +106,11 @@ class JaxSimulator:
         )
 
     @property
+    def decision_interval_s(self) -> float:
+        """Time between two decisions about lanes."""
+        return self._clock.interval_s
+
+    @property
     def layout(self) -> ParameterLayout:
         """Meaning of the parameter vectors."""
         return self._template.layout

@@ -50,10 +50,12 @@ def usual_mps(small_problem: CalibrationProblem) -> np.ndarray:
     return np.linspace(30.0, 14.0, small_problem.road.num_sections)
 
 
-def look_at(problem: CalibrationProblem, surrogate: Simulated | None, sumo: Simulated) -> tuple[FirstLook, np.ndarray]:
+def look_at(
+    problem: CalibrationProblem, surrogate: Simulated | None, sumo: Simulated, finer: Simulated | None = None
+) -> tuple[FirstLook, np.ndarray]:
     in_scenario = FinalRuns(sumo.tallies(sumo.speeds_mps[0], 4), np.zeros(4, int), ())  # pyright: ignore
     session: Any = SimpleNamespace(progress=Silent(), stopwatch=Stopwatch(time.perf_counter))
-    look = FirstLook(problem, surrogate, sumo, PLAN, session, lambda: in_scenario)  # pyright: ignore
+    look = FirstLook(problem, surrogate, sumo, PLAN, session, lambda: in_scenario, lambda: finer)  # pyright: ignore
     values = np.append(problem.template.base_values()[:-1], LOGGED)
     return look, look.tallies_with(values)
 
@@ -110,3 +112,27 @@ def test_where_nobody_can_drive_with_the_logs_drivers_the_scenario_s_runs_tell(
     look, tallies = look_at(small_problem, None, Simulated(small_problem, usual_mps, None))
     assert not look.agrees
     assert mean_mps(small_problem, tallies) == pytest.approx(usual_mps)
+
+
+@pytest.mark.parametrize(("factor", "agrees"), [(1.06, True), (0.7, False), (None, False)])
+def test_more_frequent_decisions_are_tried_before_the_surrogate_is_left(
+    small_problem: CalibrationProblem, usual_mps: np.ndarray, factor: float | None, agrees: bool
+):
+    usual = Simulated(small_problem, 0.6 * usual_mps, 0.7 * usual_mps)
+    finer = Simulated(small_problem, None, None if factor is None else factor * usual_mps)
+    sumo = Simulated(small_problem, usual_mps, usual_mps)
+    look, tallies = look_at(small_problem, usual, sumo, finer)
+    assert (look.agrees, look.surrogate is finer) == (agrees, agrees)
+    assert [one.holds for one in look.agreements] == [False, False, agrees]
+    assert mean_mps(small_problem, tallies) == pytest.approx((factor if agrees else 1.0) * usual_mps)  # pyright: ignore
+    again = look.tallies_with(np.append(small_problem.template.base_values()[:-1], LOGGED))
+    assert mean_mps(small_problem, again) == pytest.approx(mean_mps(small_problem, tallies))
+
+
+def test_more_frequent_decisions_are_not_tried_where_the_usual_do(
+    small_problem: CalibrationProblem, usual_mps: np.ndarray
+):
+    usual, finer = (Simulated(small_problem, usual_mps, usual_mps) for _ in range(2))
+    look, _ = look_at(small_problem, usual, Simulated(small_problem, usual_mps, usual_mps), finer)
+    assert look.surrogate is usual
+    assert finer.num_runs == 0
