@@ -23,12 +23,17 @@ from experiments.inflows.information import inflow_bound
 from experiments.results.record import Row
 from experiments.results.record import record as keep
 from experiments.roads.drawn_road import DRAWN
-from jaxcalib.problem.engines import prepare_devices
+from jaxcalib.calibration.first_look import successful_tallies
+from jaxcalib.calibration.stages.evaluator import Evaluator
+from jaxcalib.initial_values.initial_point import find_initial_point
+from jaxcalib.problem.engines import prepare_devices, surrogate_engine
 from jaxcalib.problem.problem import CalibrationProblem, read_problem
+from jaxcalib.problem.settings import Settings
 from sim_adapters.atomic_file import write_atomically
 
 FIELD_SEED = 70_000  # of the first road's field
 MOST_RATIO = 1.5
+NUM_RUNS = 32  # of the surrogate at each demand, as at the beginning of a calibration
 app = App(name="experiments.inflows", help="Inflows found back, against what the drives hold about them.")
 
 
@@ -39,6 +44,7 @@ def inflows(
     first: Annotated[int, Parameter(validator=Number(gte=0))] = 0,
     drives: Annotated[int, Parameter(validator=Number(gte=3))] = 12,
     budget: Annotated[float, Parameter(validator=Number(gte=0.05, lte=100))] = 1.0,
+    search: bool = True,
     out: Path = Path("inflows"),
     record: Annotated[bool, Parameter(negative="")] = False,
 ) -> int:
@@ -54,6 +60,9 @@ def inflows(
         Drives of each field, every third held out.
     budget
         Factor on the calibration's numbers of runs.
+    search
+        Whether to calibrate; else inflows are those with which a calibration begins, read off the logs and the
+        surrogate's drives.
     out
         Folder for cases, RUNs and bounds.
     record
@@ -68,7 +77,7 @@ def inflows(
                 _write(out / "labels" / f"{seed}.json", make_case(plan, out, drives, 0, 0, pool))
     rows: list[Row] = []
     for seed in track(range(first, first + roads), "roads", console=Console(stderr=True)):
-        rows += _rows(seed, out, budget)
+        rows += _rows(seed, out, budget if search else None)
     table = Table(title="inflows found back on fields without effect")
     for heading in rows[0]:
         table.add_column(heading)
@@ -78,7 +87,9 @@ def inflows(
     Console().print(table)
     Console().print("\n".join(notes))
     if record:
-        keep("calibration", "inflows", rows, "Inflows found back over drawn roads", [f"- {note}" for note in notes])
+        what = "found back" if search else "read off the logs"
+        name = "inflows" if search else "inflows_before_the_search"
+        keep("calibration", name, rows, f"Inflows {what} over drawn roads", [f"- {note}" for note in notes])
     return 0
 
 
@@ -97,8 +108,8 @@ def summary_of(rows: Sequence[Row]) -> list[str]:
     ]
 
 
-def _rows(seed: int, out: Path, budget: float) -> list[Row]:
-    case, run = out / "cases" / f"{DRAWN}{seed}", out / "runs" / f"{DRAWN}{seed}"
+def _rows(seed: int, out: Path, budget: float | None) -> list[Row]:
+    case = out / "cases" / f"{DRAWN}{seed}"
     label = json.loads((out / "labels" / f"{seed}.json").read_text(encoding="utf-8"))
     problem = read_problem(case)
     bound_file = out / "bounds" / f"{seed}.json"
@@ -106,22 +117,11 @@ def _rows(seed: int, out: Path, budget: float) -> list[Row]:
         bound = inflow_bound(problem, truth_of(problem, label))
         _write(bound_file, dict(zip(bound.names, bound.relative, strict=True)))
     bounds = json.loads(bound_file.read_text(encoding="utf-8"))
-    if not (run / "result.json").is_file():
-        run.parent.mkdir(parents=True, exist_ok=True)
-        command = [
-            sys.executable,
-            "-m",
-            "jaxcalib",
-            "calibrate",
-            str(case),
-            "--out",
-            str(run),
-            "--budget",
-            f"{budget:g}",
-        ]
-        subprocess.run([*command, *(["--resume"] if run.exists() else [])], check=True, capture_output=True)
-    result = json.loads((run / "result.json").read_text(encoding="utf-8"))
-    found, scenario = result["parameters"]["demand"], problem.template.base_values()
+    if budget is None:
+        found, searched_in = _read_off(problem, out / "read_off" / f"{seed}.json"), None
+    else:
+        found, searched_in = _calibrated(case, out / "runs" / f"{DRAWN}{seed}", budget)
+    scenario = problem.template.base_values()
     rows: list[Row] = []
     for number, name in enumerate(problem.layout.input_ids):
         truth = label["inputs"][name]
@@ -135,10 +135,34 @@ def _rows(seed: int, out: Path, budget: float) -> list[Row]:
                 "found / truth - 1": round(error, 3),
                 "bound": round(bounds[name], 3),
                 "error / bound": round(error / bounds[name], 2),
-                "search in": "SUMO" if result["confirmation"]["searched_in_sumo"] else "surrogate",
+                "search in": searched_in,
             }
         )
     return rows
+
+
+def _read_off(problem: CalibrationProblem, file: Path) -> dict[str, float]:
+    """Inflows with which a calibration begins."""
+    if not file.is_file():
+        surrogate = Evaluator(surrogate_engine(problem), problem.departs_s("fit"), 0)
+
+        def simulated(values: np.ndarray) -> np.ndarray:
+            return successful_tallies(problem, surrogate, values, surrogate.rounds_of(NUM_RUNS))
+
+        initial = find_initial_point(problem, Settings().scaling_factor, {}, 0, simulated)
+        _write(file, dict(zip(problem.layout.input_ids, map(float, initial.values), strict=False)))
+    return json.loads(file.read_text(encoding="utf-8"))
+
+
+def _calibrated(case: Path, run: Path, budget: float) -> tuple[dict[str, float], str]:
+    """Inflows that a calibration finds, and the simulator in which it searched."""
+    if not (run / "result.json").is_file():
+        run.parent.mkdir(parents=True, exist_ok=True)
+        options = ["--out", str(run), "--budget", f"{budget:g}", *(["--resume"] if run.exists() else [])]
+        command = [sys.executable, "-m", "jaxcalib", "calibrate", str(case), *options]
+        subprocess.run(command, check=True, capture_output=True)
+    result = json.loads((run / "result.json").read_text(encoding="utf-8"))
+    return result["parameters"]["demand"], "SUMO" if result["confirmation"]["searched_in_sumo"] else "surrogate"
 
 
 def truth_of(problem: CalibrationProblem, label: dict[str, Any]) -> np.ndarray:
