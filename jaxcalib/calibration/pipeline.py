@@ -21,7 +21,13 @@ from jaxcalib.calibration.value_search import SearchedValues, plan_calibration, 
 from jaxcalib.case.case import Role
 from jaxcalib.cluster.opening import sumo_workers_at
 from jaxcalib.errors import CaseError
-from jaxcalib.problem.engines import finer_surrogate_engine, prepare_devices, sumo_engine, surrogate_engine
+from jaxcalib.problem.engines import (
+    DECISION_INTERVAL_S,
+    finer_surrogate_engine,
+    prepare_devices,
+    sumo_engine,
+    surrogate_engine,
+)
 from jaxcalib.problem.parameter_space import parameter_space, round_values
 from jaxcalib.problem.problem import CalibrationProblem, read_problem
 from jaxcalib.problem.settings import Settings, read_settings
@@ -144,7 +150,7 @@ def find_and_judge_values(
             problem, settings, plan, engine, sumo, session, waiting,
             may_leave_surrogate=may_leave_surrogate, finer=finer,
         )  # fmt: skip
-        engine = finer() if searched.decides_finer else engine
+        engine = engine if searched.decision_interval_s == DECISION_INTERVAL_S else finer()
         on_held_out = None
         if engine is not None and not searched.is_in_sumo:
             on_held_out = surrogate_on_held_out(problem, engine, searched, plan, session)

@@ -19,6 +19,7 @@ from jaxcalib.calibration.stages.budget import Budget, in_sumo_alone, plan_budge
 from jaxcalib.calibration.stages.evaluator import Evaluator
 from jaxcalib.calibration.stages.two_stage import TwoStageResult, search_two_stages
 from jaxcalib.initial_values.initial_point import InitialPoint, find_initial_point, without_driver_logs
+from jaxcalib.problem.engines import DECISION_INTERVAL_S, FINER_DECISION_INTERVAL_S
 from jaxcalib.problem.problem import CalibrationProblem
 from jaxcalib.problem.settings import Settings
 from jaxcalib.runs.journal import JournaledSumo, JournaledSurrogate
@@ -45,10 +46,10 @@ class SearchedValues:
     # surrogate was not asked
     agreements: tuple[Agreement, ...]
     is_in_sumo: bool  # whether SUMO made the search's runs
-    decides_finer: bool  # whether the surrogate that made them decides more often than usual
     num_surrogate_runs: int  # on the drives to fit
     num_sumo_search_runs: int  # drives of the search in SUMO, apart from those that confirm
     warnings: tuple[str, ...]  # what the runs of the scenario as it is showed, one line each
+    decision_interval_s: float = DECISION_INTERVAL_S  # of the surrogate that was asked
 
     @property
     def values(self) -> np.ndarray:
@@ -135,10 +136,10 @@ def search_values(
         confirmation=confirmation,
         agreements=tuple(agreements),
         is_in_sumo=is_in_sumo,
-        decides_finer=surrogate is not usual,
         num_surrogate_runs=sum(one.num_runs for one in {usual, surrogate} if one is not None),
         num_sumo_search_runs=in_sumo.num_runs,
         warnings=tuple(look.warnings),
+        decision_interval_s=DECISION_INTERVAL_S if surrogate is usual else FINER_DECISION_INTERVAL_S,
     )
 
 

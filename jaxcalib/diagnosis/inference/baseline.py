@@ -27,6 +27,7 @@ from jaxcalib.diagnosis.runs.plan import DiagnosisBudget
 from jaxcalib.diagnosis.runs.sumo_runs import SumoRuns
 from jaxcalib.diagnosis.runs.trial_engine import trial_runner
 from jaxcalib.diagnosis.runs.trials import Trial, TrialRunner, has_pairs, paired_difference
+from jaxcalib.problem.engines import DECISION_INTERVAL_S
 from jaxcalib.problem.problem import CalibrationProblem
 from jaxcalib.runs.progress import Progress
 from sim_adapters.sumo.workers import SumoWorkers
@@ -85,6 +86,7 @@ class BaselineMaker:
     # least and largest value of each parameter; features bent by an effect must not lead beyond them
     bounds: tuple[np.ndarray, np.ndarray]
     sumo_workers: SumoWorkers | None = None  # who makes SUMO's runs; None for processes of this machine
+    decision_interval_s: float = DECISION_INTERVAL_S  # of the surrogate
 
     def converged(self, values: np.ndarray) -> Converged:
         """Return the baseline that agrees best with the drives to fit, with all its runs, from calibrated values on.
@@ -185,7 +187,7 @@ class BaselineMaker:
         runs = in_sumo.first_null()
         progress.stage("atlas")
         if runner is None:
-            runner = trial_runner(problem, features, self.trial_seed)
+            runner = trial_runner(problem, features, self.trial_seed, self.decision_interval_s)
         runner = replace(runner, features=features)
         trials = self._slopes(values, runner, self.plan.first_slope_runs, 0)
         departs = [drive.depart_s for drive in problem.case.drives]

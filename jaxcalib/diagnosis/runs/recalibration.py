@@ -54,7 +54,9 @@ class Recalibrator:
 
     def values(self, effects: Mapping[str, EffectSetting]) -> np.ndarray | None:
         """Return the calibrated values with effects in; None where runs with them fail."""
-        engine = surrogate_engine(self.problem, SPARE_CAPACITY).with_effects()
+        engine = surrogate_engine(
+            self.problem, SPARE_CAPACITY, decision_interval_s=self.searched.decision_interval_s
+        ).with_effects()
         evaluator = Evaluator(
             WithEffects(JournaledSurrogate(engine, self.session.journal), effects),
             self.problem.departs_s("fit"),

@@ -5,7 +5,7 @@ import numpy as np
 from jaxcalib.diagnosis.features.drive_features import DriveFeatures
 from jaxcalib.diagnosis.features.frame_recorder import FrameRecorder
 from jaxcalib.diagnosis.runs.trials import TrialRunner
-from jaxcalib.problem.engines import surrogate_engine
+from jaxcalib.problem.engines import DECISION_INTERVAL_S, surrogate_engine
 from jaxcalib.problem.problem import FRAME_INTERVAL_S, CalibrationProblem
 
 SPARE_CAPACITY = 1.8  # effects can make traffic denser
@@ -13,11 +13,18 @@ PLACES_FOR_OBJECTS = 128
 FRAMES_STEP = 128
 
 
-def trial_runner(problem: CalibrationProblem, features: DriveFeatures, first_seed: int) -> TrialRunner:
-    """The maker of trials of a problem."""
+def trial_runner(
+    problem: CalibrationProblem,
+    features: DriveFeatures,
+    first_seed: int,
+    decision_interval_s: float = DECISION_INTERVAL_S,
+) -> TrialRunner:
+    """The maker of trials of a problem, with decisions as often as the calibration's surrogate made them."""
     longest_s = problem.parts.scenario.duration_s - min(drive.depart_s for drive in problem.case.drives)
     num_frames = FRAMES_STEP * int(np.ceil((longest_s / FRAME_INTERVAL_S + 2) / FRAMES_STEP))
     recorder = FrameRecorder(num_frames, PLACES_FOR_OBJECTS)
-    engine = surrogate_engine(problem, SPARE_CAPACITY, observer=recorder).with_effects()
+    engine = surrogate_engine(
+        problem, SPARE_CAPACITY, observer=recorder, decision_interval_s=decision_interval_s
+    ).with_effects()
     departs = sorted({drive.depart_s for drive in problem.case.drives})
     return TrialRunner(engine, recorder, features, departs, first_seed, FRAME_INTERVAL_S)

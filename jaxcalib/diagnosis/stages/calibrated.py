@@ -9,7 +9,7 @@ from jaxcalib.calibration.scenario_runs import start_scenario_runs
 from jaxcalib.calibration.value_search import SearchedValues, search_values
 from jaxcalib.diagnosis.stages.session import DiagnosisSession
 from jaxcalib.field.seen_range import seen_perception
-from jaxcalib.problem.engines import sumo_engine, surrogate_engine
+from jaxcalib.problem.engines import finer_surrogate_engine, sumo_engine, surrogate_engine
 from jaxcalib.problem.problem import CalibrationProblem, drives_to_fit, read_problem
 from jaxcalib.problem.settings import Settings
 from jaxcalib.runs.journal import JournaledSumo
@@ -44,5 +44,7 @@ def recalibrate(session: DiagnosisSession) -> Calibrated:
         sumo, engine = JournaledSumo(pool, session.journal), surrogate_engine(problem)
         plan = session.calibration
         waiting = start_scenario_runs(problem, sumo, plan, session, shares_runs=problem.template.can_share_runs)
-        searched = search_values(problem, Settings(), plan, engine, sumo, session, waiting)
+        searched = search_values(
+            problem, Settings(), plan, engine, sumo, session, waiting, finer=lambda: finer_surrogate_engine(problem)
+        )
     return Calibrated(problem, searched)

@@ -51,6 +51,7 @@ def simulate_null(session: DiagnosisSession, calibrated: Calibrated) -> Simulate
             progress=session.progress,
             bounds=calibrated.bounds,
             sumo_workers=session.sumo_workers,
+            decision_interval_s=calibrated.searched.decision_interval_s,
         )
         converged = maker.converged(calibrated.searched.values)
     with session.stopwatch.time("null"):

@@ -58,7 +58,7 @@ def test_the_search_is_made_with_the_effects_and_its_difference_counts(monkeypat
     """Where the search with the effects ends less where it ended without them is added to what is gone on from."""
     listener = Listener([])
     effects = {"local_speed_reduction": EffectSetting(0.15)}
-    monkeypatch.setattr(recalibration, "surrogate_engine", lambda problem, room: listener)
+    monkeypatch.setattr(recalibration, "surrogate_engine", lambda problem, room, decision_interval_s: listener)
     monkeypatch.setattr(Listener, "with_effects", lambda self: self, raising=False)
     monkeypatch.setattr(recalibration, "JournaledSurrogate", lambda engine, journal: engine)
     seeds = []
