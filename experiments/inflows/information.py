@@ -3,7 +3,8 @@
 The moments that a calibration matches are nearly normal, with a mean that depends on the inflows and a covariance that
 single runs show. Their Fisher information about the inflows q is (dm/dq)' C^-1 (dm/dq) times the number of drives
 (Kay 1993, Eq. 3.31, less the covariance's own slope); no unbiased estimate from these moments has a smaller covariance
-than its inverse. Drivers are taken as known, which makes the bound smaller than anything that has to find them, too.
+than its inverse. What a calibration believes of the scenario's inflows adds to it (van Trees 1968). Drivers are taken
+as known, which makes the bound smaller than anything that has to find them, too.
 """
 
 from dataclasses import dataclass
@@ -14,11 +15,12 @@ from jaxtyping import Float
 from experiments.fidelity.transfer import SPARE_CAPACITY
 from jaxcalib.calibration.objective.moments import Moments, all_moments, noise_covariance, observed_moments
 from jaxcalib.calibration.stages.evaluator import Evaluator
+from jaxcalib.initial_values.demand_profile import demand_covariance
 from jaxcalib.problem.engines import surrogate_engine
 from jaxcalib.problem.parameter_space import round_values
 from jaxcalib.problem.problem import CalibrationProblem
 
-STEP = 0.05  # of an inflow, to each side
+STEP = 0.08  # of an inflow, to each side
 NOISE_RUNS, SLOPE_RUNS = 384, 192
 SLOPE_SEEDS = 10_000  # from which the slopes' runs are numbered
 
@@ -28,7 +30,7 @@ class Bound:
     """Least standard errors of the inflows."""
 
     names: tuple[str, ...]  # inputs
-    relative: tuple[float, ...]  # standard error over the true inflow; inf where the moments say nothing
+    relative: tuple[float, ...]  # standard error over the true inflow
     num_moments: int  # that were observed often enough
 
 
@@ -48,8 +50,9 @@ def inflow_bound(problem: CalibrationProblem, truth: Float[np.ndarray, " paramet
     # slopes of two halves: their noise is no information
     information = 0.5 * (first.T @ inverse @ second + second.T @ inverse @ first) * len(departs_s)
     values, vectors = np.linalg.eigh(information)
-    with np.errstate(divide="ignore"):
-        variance = (vectors**2) @ np.where(values > 0.0, 1.0 / values, np.inf)
+    information = (vectors * np.maximum(values, 0.0)) @ vectors.T  # noise of slopes can make an eigenvalue negative
+    believed = np.linalg.inv(demand_covariance(np.ones(problem.layout.num_inputs)))
+    variance = np.diag(np.linalg.inv(information + believed))
     return Bound(problem.layout.input_ids, tuple(map(float, np.sqrt(variance))), len(moments.names))
 
 

@@ -6,7 +6,7 @@ inflows keep those that the logs hardly show near where they are (ridge towards 
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -30,6 +30,14 @@ class DemandEstimate:
     values_vehph: np.ndarray  # estimate of each input
     error_vehph: np.ndarray  # standard error of each
     scenario_vehph: np.ndarray  # the scenario's own inflows
+    misfit: float = 0.0  # squared difference of the volumes, field less simulated, in standard errors
+
+    def half_way_from(self, simulated_vehph: Float[np.ndarray, " input"]) -> "DemandEstimate":
+        """Half of the step from the simulated inflows, where the whole led to no better volumes; that is its error."""
+        half = 0.5 * (self.values_vehph - simulated_vehph)
+        return replace(
+            self, values_vehph=self.values_vehph - half, error_vehph=np.hypot(self.error_vehph, np.abs(half))
+        )
 
 
 @dataclass(frozen=True)
@@ -88,7 +96,10 @@ def estimate_demand(
     if simulated is not None:  # volumes answer in proportion near the simulated demand only
         error = np.hypot(error, BENT_SHARE * (change - at))
     return DemandEstimate(
-        values_vehph=base * np.maximum(1.0 + change, LEAST_FACTOR), error_vehph=base * error, scenario_vehph=base
+        values_vehph=base * np.maximum(1.0 + change, LEAST_FACTOR),
+        error_vehph=base * error,
+        scenario_vehph=base,
+        misfit=float(np.sum(((field.vehph - believed.vehph)[seen] / error_vehph[seen]) ** 2)),
     )
 
 

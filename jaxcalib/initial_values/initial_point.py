@@ -123,18 +123,18 @@ def _settled_demand(
 ) -> DemandEstimate:
     """Inflows that the drives to fit show, simulated near those inflows."""
     at_vehph = problem.template.base_demand_vehph()
-    demand = None
-    for _ in range(MOST_ROUNDS):
-        tallies = simulated(round_values(np.concatenate([at_vehph, drivers])))
-        if demand is not None and (tallies is None or not len(tallies)):
-            return demand
-        demand = demand_from_logs(problem, tallies, at_vehph)
+    demand = demand_from_logs(problem, simulated(round_values(np.concatenate([at_vehph, drivers]))), at_vehph)
+    for _ in range(MOST_ROUNDS - 1):
         found_vehph = np.minimum(demand.values_vehph, problem.template.most_demand_vehph)
-        is_settled = np.all(np.abs(found_vehph - at_vehph) <= SETTLED * at_vehph)
-        if tallies is None or not len(tallies) or is_settled:
-            return demand
-        at_vehph = found_vehph
-    assert demand is not None
+        if np.all(np.abs(found_vehph - at_vehph) <= SETTLED * at_vehph):
+            break
+        tallies = simulated(round_values(np.concatenate([found_vehph, drivers])))
+        if tallies is None or not len(tallies):
+            break
+        nearer = demand_from_logs(problem, tallies, found_vehph)
+        if nearer.misfit >= demand.misfit:  # a jam lets fewer through the more there come
+            return demand.half_way_from(at_vehph)
+        demand, at_vehph = nearer, found_vehph
     return demand
 
 

@@ -230,3 +230,22 @@ def test_inflows_are_searched_as_far_as_their_error_reaches(small_problem: Calib
     np.testing.assert_allclose(reach, np.maximum(0.2, 3.0 * error), rtol=1e-3)
     asked = find_initial_point(small_problem, 0.2, known, 0)
     assert (asked.space.lower[0], asked.space.upper[0]) == known["main"]
+
+
+def test_more_demand_is_not_believed_where_it_makes_the_volumes_less_alike(small_problem: CalibrationProblem) -> None:
+    """A simulation that jams: the more come, the fewer get through, and what is missing asks for still more."""
+    field = small_problem.field_of("fit")
+    index = [small_problem.tally_index[f"section_speed[{s}]"] for s in range(small_problem.road.num_sections)]
+    scenario_vehph = small_problem.template.base_demand_vehph()
+    asked_vehph = []
+
+    def simulated(values: np.ndarray) -> np.ndarray:
+        asked_vehph.append(values[:2])
+        tallies = field.copy()
+        tallies[:, index] *= 0.85 * (scenario_vehph[0] / values[0]) ** 2
+        return tallies
+
+    found = find_initial_point(small_problem, 0.2, {}, 0, simulated)
+    assert len(asked_vehph) == 2
+    np.testing.assert_allclose(found.values[:2], 0.5 * (asked_vehph[0] + asked_vehph[1]), rtol=0.01)
+    assert (found.demand.error_vehph >= 0.49 * np.abs(asked_vehph[1] - asked_vehph[0])).all()
