@@ -12,7 +12,7 @@ from experiments.blind_effects.generate import DEPARTS_S, make_drive, write_case
 from experiments.fidelity.transfer import SPARE_CAPACITY
 from experiments.roads.drawn_road import find_road
 from experiments.roads.road import BELIEVED_DRIVER
-from jaxcalib.calibration.confirmation.agreement import Agreement, compare_sections
+from jaxcalib.calibration.confirmation.agreement import Agreement, compare_sections, section_speeds_mps
 from jaxcalib.calibration.stages.evaluator import Evaluations, Evaluator
 from jaxcalib.problem.engines import sumo_engine, surrogate_engine
 from jaxcalib.problem.parameter_space import round_values
@@ -114,17 +114,6 @@ def _runs_in_sumo(problem: CalibrationProblem, values: np.ndarray, num_runs: int
         np.savez_compressed(file, **vars(runs))
     with np.load(file) as kept:
         return _Runs(kept["tally"], kept["inserted_share"], float(kept["worth"]))
-
-
-def section_speeds_mps(
-    problem: CalibrationProblem, tally: Float[np.ndarray, "run tally"]
-) -> Float[np.ndarray, "run section"]:
-    """Return the mean speed of the vehicles seen in each section in each run; nan where nobody was."""
-    index, sections = problem.tally_index, range(problem.road.num_sections)
-    frames = tally[:, [index[f"section_frames[{section}]"] for section in sections]]
-    speed = tally[:, [index[f"section_speed[{section}]"] for section in sections]]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return speed / frames
 
 
 def _point(problem: CalibrationProblem, number: int, mine: _Runs, theirs: _Runs) -> Point:

@@ -12,15 +12,14 @@ from cyclopts import App, Parameter
 from cyclopts.validators import Number
 from rich.console import Console
 from rich.progress import track
-from rich.table import Table
 
 from experiments.fidelity.on_road import Point, compare_on_road
 from experiments.results.record import Row
 from experiments.results.record import record as keep
+from experiments.results.terminal import as_table, write_json
 from experiments.roads.drawn_road import DRAWN
 from experiments.roads.road_plan import draw_plan
 from jaxcalib.problem.engines import DECISION_INTERVAL_S, prepare_devices
-from sim_adapters.atomic_file import write_atomically
 
 LEAST_SHARE, MOST_DIFFERENCE = 0.85, 0.15  # of alike sections; of probabilities of a breakdown
 app = App(name="experiments.fidelity.road_family", help="Surrogate against SUMO over drawn roads.")
@@ -59,14 +58,8 @@ def road_family(
         found = _compared(seed, out, runs, decisions)
         rows.append(row_of(seed, found))
         points += found
-    console, table = Console(), Table(title="surrogate against SUMO over drawn roads")
-    for heading in rows[0]:
-        table.add_column(heading)
-    for row in rows:
-        table.add_row(*map(str, row.values()))
-    console.print(table)
     notes = summary_of(points)
-    console.print("\n".join(notes))
+    Console().print(as_table(rows, "surrogate against SUMO over drawn roads"), "\n".join(notes))
     if record:
         title = f"Roads drawn at random, decisions every {decisions:g} s"
         keep("fidelity", f"road_family_{decisions:g}", rows, title, [f"- {note}" for note in notes])
@@ -77,8 +70,7 @@ def _compared(seed: int, out: Path, runs: int, decisions_s: float) -> list[dict[
     file = out / f"{DRAWN}{seed}_{decisions_s:g}.json"
     if not file.is_file():
         found = compare_on_road(f"{DRAWN}{seed}", out / "cases" / f"{DRAWN}{seed}", runs, decisions_s)
-        text = json.dumps([Point.as_table(point) for point in found], indent=1)
-        write_atomically(file, lambda stream: stream.write(text.encode()))
+        write_json(file, [Point.as_table(point) for point in found])
     return json.loads(file.read_text(encoding="utf-8"))
 
 

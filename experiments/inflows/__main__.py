@@ -15,13 +15,13 @@ from cyclopts import App, Parameter
 from cyclopts.validators import Number
 from rich.console import Console
 from rich.progress import track
-from rich.table import Table
 
 from experiments.blind_effects.generate import make_case
 from experiments.blind_effects.plan import CasePlan
 from experiments.inflows.information import inflow_bound
 from experiments.results.record import Row
 from experiments.results.record import record as keep
+from experiments.results.terminal import as_table, write_json
 from experiments.roads.drawn_road import DRAWN
 from jaxcalib.calibration.first_look import successful_tallies
 from jaxcalib.calibration.stages.evaluator import Evaluator
@@ -29,7 +29,6 @@ from jaxcalib.initial_values.initial_point import find_initial_point
 from jaxcalib.problem.engines import prepare_devices, surrogate_engine
 from jaxcalib.problem.problem import CalibrationProblem, read_problem
 from jaxcalib.problem.settings import Settings
-from sim_adapters.atomic_file import write_atomically
 
 FIELD_SEED = 70_000  # of the first road's field
 MOST_RATIO = 1.5
@@ -74,18 +73,12 @@ def inflows(
         for seed in track(range(first, first + roads), "fields", console=Console(stderr=True)):
             if not (out / "labels" / f"{seed}.json").is_file():
                 plan = CasePlan(f"{DRAWN}{seed}", f"{DRAWN}{seed}", "null", (), "IDM", FIELD_SEED + seed)
-                _write(out / "labels" / f"{seed}.json", make_case(plan, out, drives, 0, 0, pool))
+                write_json(out / "labels" / f"{seed}.json", make_case(plan, out, drives, 0, 0, pool))
     rows: list[Row] = []
     for seed in track(range(first, first + roads), "roads", console=Console(stderr=True)):
         rows += _rows(seed, out, budget if search else None)
-    table = Table(title="inflows found back on fields without effect")
-    for heading in rows[0]:
-        table.add_column(heading)
-    for row in rows:
-        table.add_row(*map(str, row.values()))
     notes = summary_of(rows)
-    Console().print(table)
-    Console().print("\n".join(notes))
+    Console().print(as_table(rows, "inflows found back on fields without effect"), "\n".join(notes))
     if record:
         what = "found back" if search else "read off the logs"
         name = "inflows" if search else "inflows_before_the_search"
@@ -115,7 +108,7 @@ def _rows(seed: int, out: Path, budget: float | None) -> list[Row]:
     bound_file = out / "bounds" / f"{seed}.json"
     if not bound_file.is_file():
         bound = inflow_bound(problem, truth_of(problem, label))
-        _write(bound_file, dict(zip(bound.names, bound.relative, strict=True)))
+        write_json(bound_file, dict(zip(bound.names, bound.relative, strict=True)))
     bounds = json.loads(bound_file.read_text(encoding="utf-8"))
     if budget is None:
         found, searched_in = _read_off(problem, out / "read_off" / f"{seed}.json"), None
@@ -150,7 +143,7 @@ def _read_off(problem: CalibrationProblem, file: Path) -> dict[str, float]:
             return successful_tallies(problem, surrogate, values, surrogate.rounds_of(NUM_RUNS))
 
         initial = find_initial_point(problem, Settings().scaling_factor, {}, 0, simulated)
-        _write(file, dict(zip(problem.layout.input_ids, map(float, initial.values), strict=False)))
+        write_json(file, dict(zip(problem.layout.input_ids, map(float, initial.values), strict=False)))
     return json.loads(file.read_text(encoding="utf-8"))
 
 
@@ -172,12 +165,6 @@ def truth_of(problem: CalibrationProblem, label: dict[str, Any]) -> np.ndarray:
     for number, name in enumerate(problem.layout.names):
         values[number] = known.get(name, values[number])
     return values
-
-
-def _write(file: Path, content: dict[str, Any]) -> None:
-    file.parent.mkdir(parents=True, exist_ok=True)
-    text = json.dumps(content, indent=1)
-    write_atomically(file, lambda stream: stream.write(text.encode()))
 
 
 if __name__ == "__main__":

@@ -13,6 +13,7 @@ from rich.table import Table
 from experiments.real_scenarios.case_row import TRAFFIC_LEVEL_MEAN, CaseRow, run_case
 from experiments.results.record import Row
 from experiments.results.record import record as keep
+from experiments.results.terminal import as_table
 from jaxcalib.calibration.objective.accuracy import VEHICLE_LEVEL_SUM
 from jaxcalib.case.case_file import FILE_NAME
 from jaxcalib.cli.guarded import guarded
@@ -99,13 +100,7 @@ def table_of(rows: Sequence[CaseRow]) -> list[Row]:
 
 def shown(rows: Sequence[CaseRow]) -> Table:
     """Return the table for a terminal."""
-    cells = table_of(rows)
-    table = Table(title="cases, from folder to result")
-    for heading in cells[0]:
-        table.add_column(heading)
-    for row in cells:
-        table.add_row(*(str(cell if cell is not None else "") for cell in row.values()))
-    return table
+    return as_table(table_of(rows), "cases, from folder to result")
 
 
 def _cells(row: CaseRow) -> Row:

@@ -1,9 +1,8 @@
 """How a vehicle that must change lane and its neighbours there adapt their speeds.
 
 Who must change follows the leader in the target lane, or overtakes him if there is time; and he asks the follower to
-open a gap, if that can work in the time left, or else lets him pass. Whoever creeps behind one who cannot change stays
-clear of him. Source: `MSLCM_LC2013::informLeader`, `informFollower` (semi-implicit Euler branch) and
-`slowDownForBlocked`.
+open a gap, if that can work in the time left, or else lets him pass. Source: `MSLCM_LC2013::informLeader` and
+`informFollower` (semi-implicit Euler branch).
 """
 
 import equinox as eqx
@@ -12,7 +11,6 @@ from jaxtyping import Array, Bool, Float
 
 from surrogate.car_following.safe_speed import brake_gap_m
 from surrogate.lane_change.gap_acceptance import Blocked, Ego, Following
-from surrogate.road.neighbours import Neighbour
 from surrogate.vehicle.car_following_model import FollowingSituation
 from surrogate.vehicle.lane_change_model import Side
 from surrogate.vehicle.vehicle_class import CarFollowingMix
@@ -27,7 +25,6 @@ CUT_IN_LEFT_SPEED_MPS = 27.0
 MAX_ON_RAMP_LENGTH_M = 200.0
 CONGESTED_BELOW_MPS = 60.0 / 3.6
 CONGESTED_LIMIT_BELOW_MPS = 60.1 / 3.6
-CREEPING_MARGIN_M = 0.1
 NO_ADVICE = jnp.inf
 
 
@@ -192,42 +189,6 @@ def _opening(follower: _Follower, help_decel: Value, remaining_s: Value) -> _Ope
         helps_now=(gap_then_m > 0.0) & (gap_then_m >= needed_m),
         helps_eventually=(difference > 0.0) & (difference * remaining_s > needed_m - gap_then_m + 0.1),
     )
-
-
-def keep_clear_mps2(
-    ego: Ego,
-    other: Neighbour,
-    gap_m: Value,
-    desired_mps: Value,
-    following: Following,
-    step_s: float,
-) -> Value:
-    """Acceleration of those who creep in the target lane behind a vehicle that cannot change; inf for all others.
-
-    SUMO has everybody on the edge look at the nearest such vehicle ahead and at the first of all; here the two behind
-    it do, for whoever is further back follows one of these more closely.
-
-    Args:
-        ego: the vehicles that cannot change.
-        other: who is behind each of them in the target lane.
-        gap_m: gap to that one less its jam gap.
-        desired_mps: speed that it wants.
-        following: car-following models.
-        step_s: length of a time step.
-    """
-    models = following.of(other.vehicle_class)
-    situation = FollowingSituation(
-        speed_mps=other.speed_mps,
-        gap_m=gap_m - CREEPING_MARGIN_M + models.field("jam_gap_m"),
-        leader_speed_mps=ego.speed_mps,
-        leader_acceleration_mps2=ego.acceleration_mps2,
-        acceleration_mps2=other.acceleration_mps2,
-        desired_speed_mps=desired_mps,
-        uniform=jnp.full_like(ego.speed_mps, 0.5),
-    )
-    creeps = other.exists & (other.speed_mps < models.field("max_deceleration_mps2")) & (gap_m > CREEPING_MARGIN_M)
-    advice = (models.follow_speed_mps(situation, step_s) - other.speed_mps) / step_s
-    return jnp.where(creeps, advice, NO_ADVICE)
 
 
 def _deal_with_follower(

@@ -8,15 +8,15 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from surrogate.lane_change.cooperation import NO_ADVICE, keep_clear_mps2, requests
+from surrogate.lane_change.cooperation import NO_ADVICE, requests
 from surrogate.lane_change.counter_change import leave_room
-from surrogate.lane_change.gap_acceptance import Ego, Following
+from surrogate.lane_change.gap_acceptance import Following
+from surrogate.lane_change.keep_clear import keep_clear_on_edge_mps2
 from surrogate.lane_change.lanes import Lanes
 from surrogate.lane_change.old_follower import OldFollower
 from surrogate.lane_change.surroundings import Wanted, following_of
 from surrogate.lane_change.vehicles_on_road import VehiclesOnRoad
 from surrogate.lane_change.view import judge_gaps, look_around
-from surrogate.road.neighbours import Neighbour
 from surrogate.vehicle.vehicle_class import VehicleClass
 from surrogate.xla.compaction import first_true
 from surrogate.xla.gather import take
@@ -114,7 +114,9 @@ def negotiate(
         last = everybody.row.shape[0] - 1
         behind = [on_road.neighbour(jnp.minimum(side.leader_entry + place, last), side.row) for place in (1, 2)]
         clear = [
-            heard(one.entry, one.exists & gaps.at_all, _kept_clear(part, ego, one, wanted, following, step_s))
+            heard(
+                one.entry, one.exists & gaps.at_all, keep_clear_on_edge_mps2(part, ego, one, wanted, following, step_s)
+            )
             for one in behind
         ]
         own = request.own_advice_mps2
@@ -150,17 +152,6 @@ def negotiate(
         help_right=nobody.at[asking.follower].max(asks & asking.is_right, mode="promise_in_bounds"),
         help_left=nobody.at[asking.follower].max(asks & ~asking.is_right, mode="promise_in_bounds"),
     )
-
-
-def _kept_clear(
-    part: VehiclesOnRoad, ego: Ego, other: Neighbour, wanted: Wanted, following: Following, step_s: float
-) -> Value:
-    """Acceleration asked of who is behind each vehicle in the target lane, on the same edge; inf where none."""
-    other_jam_m = following.of(other.vehicle_class).field("jam_gap_m")
-    gap_m = part.vehicles.position_m - ego.length_m - other.position_m - other_jam_m
-    desired_mps = take(wanted.everybodys_mps, other.entry)
-    is_beside = take(part.everybodys_edge_start_m, other.entry) == part.edge_start_m
-    return jnp.where(is_beside, keep_clear_mps2(ego, other, gap_m, desired_mps, following, step_s), NO_ADVICE)
 
 
 def hardest_mps2(following: Following) -> Value:

@@ -84,19 +84,22 @@ def compare_sections(
         sumo: tallies of each of SUMO's runs on the same drives, of the same values.
         where: which point, for people.
     """
-    sections, index = range(problem.road.num_sections), problem.tally_index
-    frames = np.asarray([index[f"section_frames[{section}]"] for section in sections])
-    speed = np.asarray([index[f"section_speed[{section}]"] for section in sections])
-
-    def mean_mps(tally: Float[np.ndarray, " tally"]) -> Float[np.ndarray, " section"]:
-        with np.errstate(divide="ignore", invalid="ignore"):
-            return tally[speed] / tally[frames]
-
-    sumo_mps, error_mps = jackknife(sumo, mean_mps)
-    rows = np.stack([mean_mps(surrogate), sumo_mps, np.nan_to_num(error_mps)], axis=1)
+    sumo_mps, error_mps = jackknife(sumo, lambda tally: section_speeds_mps(problem, tally))
+    rows = np.stack([section_speeds_mps(problem, surrogate), sumo_mps, np.nan_to_num(error_mps)], axis=1)
     border_m = np.asarray(problem.road.section_border_m, float)
     seen = np.flatnonzero(np.isfinite(sumo_mps))
     return Agreement(
         where,
         tuple(SectionSpeed(float(border_m[at]), float(border_m[at + 1]), *map(float, rows[at])) for at in seen),
     )
+
+
+def section_speeds_mps(
+    problem: CalibrationProblem, tally: Float[np.ndarray, "*runs tally"]
+) -> Float[np.ndarray, "*runs section"]:
+    """Return the mean speed of the vehicles seen in each section; nan where nobody was."""
+    index, sections = problem.tally_index, range(problem.road.num_sections)
+    frames = tally[..., [index[f"section_frames[{section}]"] for section in sections]]
+    speed = tally[..., [index[f"section_speed[{section}]"] for section in sections]]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return speed / frames

@@ -4,8 +4,9 @@ import jax.numpy as jnp
 import pytest
 
 from surrogate.car_following.idm import Idm
-from surrogate.lane_change.cooperation import keep_clear_mps2, requests
+from surrogate.lane_change.cooperation import requests
 from surrogate.lane_change.gap_acceptance import Blocked
+from surrogate.lane_change.keep_clear import keep_clear_mps2
 from surrogate.lane_change.registry import lane_change_model
 from surrogate.lane_change.surroundings import following_of
 from surrogate.road.neighbours import Neighbour
