@@ -1,11 +1,13 @@
 """Makes sealed cases: SUMO runs, the log is written as a case, and the label is put away."""
 
+import contextlib
 import json
 import multiprocessing
 import os
 import secrets
 import shutil
 from concurrent.futures import Executor, ProcessPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +29,12 @@ Logs = tuple[pd.DataFrame, pd.DataFrame, float | None]
 DEPARTS_S = (0.0, 20.0, 40.0, 60.0, 80.0, 100.0)  # after the warm-up, in turn
 HELD_OUT_EVERY = 3
 SAME_TIME = (1_700_000_000, 1_700_000_000)  # of every file: its own would tell the order of making
+
+MOST_ATTEMPTS, SEEDS_PER_ATTEMPT, FIRST_DRIVES = 8, 1000, 4
+
+
+class NotStoodError(RuntimeError):
+    """A vehicle that was to stand did not: traffic jammed before it, or it found no way to its lane."""
 
 
 def make_drive(spec: FieldSpec, road_name: str, seed: int, depart_s: float) -> Logs:
@@ -86,12 +94,28 @@ def make_cases(
 
 
 def make_case(plan: CasePlan, out: Path, drives: int, checks: int, twins: int, pool: Executor) -> Label:
-    """Make one case and return its label."""
+    """Make one case and return its label; a field that traffic did not let happen is drawn again.
+
+    Raises:
+        NotStoodError: none of several fields happened.
+    """
+    for attempt in range(MOST_ATTEMPTS):
+        with contextlib.suppress(NotStoodError):
+            drawn_anew = replace(plan, seed=plan.seed + SEEDS_PER_ATTEMPT * attempt)
+            return _make_case(drawn_anew, out, drives, checks, twins, pool)
+    raise NotStoodError(f"{plan.name}: expected a field whose vehicle comes to stand, found none in {MOST_ATTEMPTS}.")
+
+
+def _make_case(plan: CasePlan, out: Path, drives: int, checks: int, twins: int, pool: Executor) -> Label:
     road = find_road(plan.road)
     drawn = draw_field(plan)
     departs_s = [road.warmup_s + DEPARTS_S[number % len(DEPARTS_S)] for number in range(drives + twins)]
     seeds = [plan.seed + number for number in range(drives + twins)]
-    jobs = [pool.submit(make_drive, drawn.spec, plan.road, *run) for run in zip(seeds, departs_s, strict=True)]
+    runs = list(zip(seeds, departs_s, strict=True))
+    if drawn.spec.standing:  # what cannot happen shows in the first drives
+        first = [pool.submit(make_drive, drawn.spec, plan.road, *run) for run in runs[:FIRST_DRIVES]]
+        _mean_stood_s([job.result()[2] for job in first])
+    jobs = [pool.submit(make_drive, drawn.spec, plan.road, *run) for run in runs]
     num_checks = min(checks, drives) if drawn.spec != drawn.without else 0
     plain = [
         pool.submit(make_drive, drawn.without, plan.road, seeds[number], departs_s[number])
@@ -112,17 +136,22 @@ def make_case(plan: CasePlan, out: Path, drives: int, checks: int, twins: int, p
 
 
 def _note_begin(label: Label, stood_s: list[float | None]) -> None:
-    """Put into the label when the vehicle came to stand, on average: traffic decides that, not the plan.
+    """Put into the label when the vehicle came to stand, on average: traffic decides that, not the plan."""
+    place = label["place_and_time"]
+    place = place if "time_from_s" in place else place["blockage"]
+    place["time_from_s"] = round(_mean_stood_s(stood_s), 1)
+
+
+def _mean_stood_s(stood_s: list[float | None]) -> float:
+    """Return when a vehicle came to stand, on average over drives.
 
     Raises:
-        RuntimeError: in some drive it did not, before the subject vehicle was through.
+        NotStoodError: in some drive it did not, before the subject vehicle was through.
     """
     known_s = [time_s for time_s in stood_s if time_s is not None]
     if len(known_s) < len(stood_s):
-        raise RuntimeError(f"The vehicle that was to stand did not in {len(stood_s) - len(known_s)} drives.")
-    place = label["place_and_time"]
-    place = place if "time_from_s" in place else place["blockage"]
-    place["time_from_s"] = round(sum(known_s) / len(known_s), 1)
+        raise NotStoodError(f"The vehicle that was to stand did not in {len(stood_s) - len(known_s)} drives.")
+    return sum(known_s) / len(known_s)
 
 
 def _checked(ours: list[Logs], theirs: list[Logs]) -> ManipulationCheck:

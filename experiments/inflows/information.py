@@ -15,7 +15,7 @@ from jaxtyping import Float
 from experiments.fidelity.transfer import SPARE_CAPACITY
 from jaxcalib.calibration.objective.moments import Moments, all_moments, noise_covariance, observed_moments
 from jaxcalib.calibration.stages.evaluator import Evaluator
-from jaxcalib.initial_values.demand_profile import demand_covariance
+from jaxcalib.initial_values.demand_profile import SCENARIO_TRUST, DemandEstimate, demand_covariance
 from jaxcalib.problem.engines import surrogate_engine
 from jaxcalib.problem.parameter_space import round_values
 from jaxcalib.problem.problem import CalibrationProblem
@@ -51,7 +51,8 @@ def inflow_bound(problem: CalibrationProblem, truth: Float[np.ndarray, " paramet
     information = 0.5 * (first.T @ inverse @ second + second.T @ inverse @ first) * len(departs_s)
     values, vectors = np.linalg.eigh(information)
     information = (vectors * np.maximum(values, 0.0)) @ vectors.T  # noise of slopes can make an eigenvalue negative
-    believed = np.linalg.inv(demand_covariance(np.ones(problem.layout.num_inputs)))
+    one = np.ones(problem.layout.num_inputs)
+    believed = np.linalg.inv(demand_covariance(DemandEstimate(one, one, one, SCENARIO_TRUST * one)))
     variance = np.diag(np.linalg.inv(information + believed))
     return Bound(problem.layout.input_ids, tuple(map(float, np.sqrt(variance))), len(moments.names))
 

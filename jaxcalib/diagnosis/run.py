@@ -81,7 +81,7 @@ def _diagnose(session: DiagnosisSession) -> Diagnosis:
         diagnosis = refuse_drives(session, calibrated, error)
         session.folder.write_text("diagnosis.json", diagnosis.to_json())
         return diagnosis
-    findings = _investigate(session, calibrated, simulated)
+    findings = investigate(session, calibrated, simulated)
     session.progress.stage("report")
     diagnosis = conclude(findings)
     session.folder.write_text("diagnosis.json", diagnosis.to_json())
@@ -91,7 +91,8 @@ def _diagnose(session: DiagnosisSession) -> Diagnosis:
     return diagnosis
 
 
-def _investigate(session: DiagnosisSession, calibrated: Calibrated, simulated: Simulated) -> Findings:
+def investigate(session: DiagnosisSession, calibrated: Calibrated, simulated: Simulated) -> Findings:
+    """Try, check, judge and refit effects against the calibrated simulation."""
     baseline, book = simulated.baseline, simulated.trial_book(session)
     tried = try_effects(session, baseline, book)
     checked = check_best(session, baseline, tried)

@@ -44,7 +44,7 @@ def evidence_of(initial: InitialPoint) -> Evidence:
     unit[:num_inputs] = (initial.demand.scenario_vehph - space.lower[:num_inputs]) / width
     error = initial.unit_error[num_inputs:]
     covariance = np.zeros((len(unit), len(unit)))
-    covariance[:num_inputs, :num_inputs] = demand_covariance(initial.demand.scenario_vehph) / np.outer(width, width)
+    covariance[:num_inputs, :num_inputs] = demand_covariance(initial.demand) / np.outer(width, width)
     drivers = np.arange(num_inputs, len(unit))
     covariance[drivers, drivers] = np.where(np.isfinite(error), error, SCENARIO_ERROR) ** 2
     return Evidence(unit, np.linalg.inv(np.linalg.cholesky(covariance)))

@@ -33,13 +33,8 @@ class Calibrated:
 
 
 def recalibrate(session: DiagnosisSession) -> Calibrated:
-    """Search parameter values without any effect.
-
-    What a short range hides must not bend the values: it is an effect of its own, to be found with the stated range.
-    """
-    problem = session.problem
-    if seen_perception(drives_to_fit(problem.drives), problem.case.perception) != problem.case.perception:
-        problem = read_problem(problem.case.folder)
+    """Search parameter values without any effect."""
+    problem = problem_to_search(session)
     with sumo_engine(problem, workers=session.sumo_workers) as pool:
         sumo, engine = JournaledSumo(pool, session.journal), surrogate_engine(problem)
         plan = session.calibration
@@ -48,3 +43,14 @@ def recalibrate(session: DiagnosisSession) -> Calibrated:
             problem, Settings(), plan, engine, sumo, session, waiting, finer=lambda: finer_surrogate_engine(problem)
         )
     return Calibrated(problem, searched)
+
+
+def problem_to_search(session: DiagnosisSession) -> CalibrationProblem:
+    """Return the problem with the sensors' range that the drives show.
+
+    What a short range hides must not bend the values: it is an effect of its own, to be found with the stated range.
+    """
+    problem = session.problem
+    if seen_perception(drives_to_fit(problem.drives), problem.case.perception) != problem.case.perception:
+        return read_problem(problem.case.folder)
+    return problem

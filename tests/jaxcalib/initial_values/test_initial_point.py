@@ -108,10 +108,19 @@ def test_one_section_moves_all_inflows_by_a_common_factor_first(small_problem: C
     change = found.values_vehph / scenario - 1.0
     assert change[0] == pytest.approx(2000.0 / 2700.0 - 1.0, abs=0.002)
     # regression of one inflow's departure on the other's, of which only the common factor is the same
-    common = COMMON_TRUST**2 / (COMMON_TRUST**2 + SCENARIO_TRUST**2)
+    common = COMMON_TRUST**2 / (COMMON_TRUST**2 + found.trust[0] ** 2)
     assert change[1] == pytest.approx(common * change[0], rel=1e-3)
-    left = np.sqrt((1.0 - common**2) * (COMMON_TRUST**2 + SCENARIO_TRUST**2))
+    left = np.sqrt((1.0 - common) * COMMON_TRUST**2 + found.trust[1] ** 2)
     assert found.error_vehph[1] == pytest.approx(left * scenario[1], rel=1e-3)
+
+
+def test_a_count_that_is_far_off_does_not_make_the_others_pay(small_problem: CalibrationProblem) -> None:
+    """The ramp has two fifths of what the scenario says; volumes are good to 1 % of the main road's inflow."""
+    volume = section_volumes(small_problem, 2700.0, 0.4 * 420.0)
+    found = estimated(small_problem, volume, np.full(len(volume), 25.0))
+    assert found.trust[1] > 1.3 * SCENARIO_TRUST
+    assert found.values_vehph[0] == pytest.approx(2700.0, rel=0.03)
+    assert found.values_vehph[1] == pytest.approx(0.4 * 420.0, rel=0.35)
 
 
 def test_what_drives_see_of_a_known_demand_is_no_demand(small_problem: CalibrationProblem) -> None:

@@ -111,7 +111,9 @@ def test_inputs_are_known_from_the_scenario_and_drivers_from_the_logs_or_the_sce
         ParameterLayout(("main", "on"), (("f",), ("g",)), ("car",), ("tau", "minGap")),
         (Range(1000.0, 2000.0), Range(100.0, 500.0), Range(0.4, 3.0, True), Range(0.5, 6.0, True)),
     )
-    demand = DemandEstimate(np.asarray([1500.0, 300.0]), np.full(2, 30.0), np.asarray([1400.0, 250.0]))
+    demand = DemandEstimate(
+        np.asarray([1500.0, 300.0]), np.full(2, 30.0), np.asarray([1400.0, 250.0]), np.full(2, 0.15)
+    )
     initial = SimpleNamespace(
         space=space, values=np.asarray([1500.0, 300.0, 1.1, 2.0]), demand=demand,
         unit_error=np.asarray([0.03, 0.075, 0.02, np.inf]),

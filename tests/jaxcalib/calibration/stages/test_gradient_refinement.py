@@ -50,7 +50,7 @@ def initial_with(loss: Loss | None, error: np.ndarray = ERROR) -> InitialPoint:
     unit_error = np.concatenate([[0.1], error])
     source = ("scenario", "pairs", "pairs")
     drivers = DriverEstimate(values[1:], error, source[1:], None, 5000, FITTED, loss)
-    demand = DemandEstimate(values[:1], np.asarray([50.0]), values[:1])
+    demand = DemandEstimate(values[:1], np.asarray([50.0]), values[:1], np.asarray([0.15]))
     return InitialPoint(SPACE, values, values, unit_error, source, drivers, demand)
 
 

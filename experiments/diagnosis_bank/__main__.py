@@ -1,0 +1,94 @@
+"""`python -m experiments.diagnosis_bank`: keeps what diagnoses ran, and judges it anew."""
+
+import json
+import time
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import App, Parameter
+from cyclopts.validators import Number
+from rich.console import Console
+
+from experiments.blind_effects.run import ANSWER, case_folders
+from experiments.blind_effects.seal import file_hash
+from experiments.diagnosis_bank.fill import fill_bank, write_answer
+from experiments.diagnosis_bank.kept_case import KeptCase, NotKeptError
+from experiments.diagnosis_bank.links import LINKS, without
+
+app = App(name="experiments.diagnosis_bank", help="A bank of diagnosed cases.")
+
+
+@app.command
+def fill(cases: Path, bank: Path, /, *, first: Annotated[int | None, Parameter(validator=Number(gte=1))] = None) -> int:
+    """Diagnose cases, one per core, and keep all that was run; the same command goes on where it was stopped.
+
+    Parameters
+    ----------
+    cases
+        Folder of cases.
+    bank
+        Folder for what was run.
+    first
+        Only so many cases.
+    """
+    for name, said in fill_bank(case_folders(cases), bank, first):
+        print(name, said, flush=True)
+    return 0
+
+
+@app.command
+def judge(
+    cases: Path,
+    bank: Path,
+    out: Path,
+    /,
+    *,
+    off: list[str] | None = None,
+    may_run: Annotated[bool, Parameter(negative="")] = False,
+) -> int:
+    """Judge all cases of a bank anew, and write answers for `experiments.blind_effects score`.
+
+    Parameters
+    ----------
+    cases
+        Folder of cases.
+    bank
+        Folder that `fill` made.
+    out
+        Folder for the answers.
+    off
+        Links of the inference to switch off.
+    may_run
+        Make runs that the bank does not hold, and keep them; otherwise such cases are left out and said.
+    """
+    for name in off or ():
+        if name not in LINKS:
+            raise SystemExit(f"--off: expected one of {', '.join(LINKS)}, got {name}.")
+    console = Console()
+    hashes = {}
+    for folder in case_folders(cases):
+        if folder.parent.name == "twins" or not (bank / folder.name / ANSWER).is_file():
+            continue
+        case = KeptCase(folder, bank / folder.name)
+        began_s = time.perf_counter()
+        try:
+            with without(off or ()), case.session(may_run) as session:
+                findings, diagnosis = case.diagnosed(session)
+                write_answer(out / folder.name / ANSWER, diagnosis)
+                hashes[folder.name] = file_hash(out / folder.name / ANSWER)
+                twin = cases / "twins" / folder.name
+                if twin.is_dir() and findings is not None and diagnosis.effects:
+                    file = out / f"{folder.name}_twin" / ANSWER
+                    write_answer(file, case.on_twin(twin, session, findings))
+                    hashes[file.parent.name] = file_hash(file)
+        except NotKeptError as error:
+            console.print(f"{folder.name}: not kept: {error}")
+            continue
+        console.print(f"{folder.name}: {diagnosis.verdict} {' '.join(diagnosis.effects)} "
+                      f"({time.perf_counter() - began_s:.1f} s)")  # fmt: skip
+    (out / "answers.json").write_text(json.dumps(hashes, indent=1), encoding="utf-8")
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(app())

@@ -1,0 +1,107 @@
+"""A case of the bank: its search and all tallies are kept beside each other, so that the rest is made anew at will.
+
+A diagnosis in RUN goes on only with the program that began it. Here the calibrated values and the tallies of runs, which
+take minutes, outlive changes of the inference, which takes seconds. Whoever changes simulator, features or calibration
+has to fill a new bank.
+"""
+
+import pickle  # reads what cloudpickle wrote
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import cloudpickle  # the search holds closures
+
+from jaxcalib.diagnosis.answer.answer import Diagnosis
+from jaxcalib.diagnosis.answer.conclusion import conclude
+from jaxcalib.diagnosis.answer.findings import Findings
+from jaxcalib.diagnosis.features.features import gather_tallies
+from jaxcalib.diagnosis.inference.investigation import NotTestableError, prepare
+from jaxcalib.diagnosis.run import investigate
+from jaxcalib.diagnosis.runs.null_runs import fine_interval_s
+from jaxcalib.diagnosis.stages.calibrated import Calibrated, problem_to_search, recalibrate
+from jaxcalib.diagnosis.stages.concluded import refuse_drives
+from jaxcalib.diagnosis.stages.session import DiagnosisSession, begin_session
+from jaxcalib.diagnosis.stages.simulated import Simulated, simulate_null
+from jaxcalib.problem.problem import read_problem
+from jaxcalib.runs.parts import Parts
+from jaxcalib.runs.session import open_session
+from sim_adapters.atomic_file import write_atomically
+from surrogate.road.drive_table import drive_table
+
+IDENTITY = {"case": "bank", "options": "bank", "program": "bank"}
+SEARCHED = "searched.pickle"
+
+
+class NotKeptError(LookupError):
+    """A judgement asks for runs that the bank does not hold."""
+
+
+@dataclass(frozen=True)
+class KeptCase:
+    """A case and where the bank keeps what was run for it."""
+
+    case: Path  # folder of the case
+    kept: Path  # folder of its runs
+
+    @contextmanager
+    def session(self, may_run: bool) -> Iterator[DiagnosisSession]:
+        """Open what is kept; without leave to run, runs that are missing raise NotKeptError."""
+        began_s = time.perf_counter()
+        problem = read_problem(self.case, as_stated=True)
+        with open_session(self.kept, IDENTITY, resume=True, began_s=began_s) as work:
+            session = begin_session(problem, 1.0, work)
+            yield session if may_run else replace(session, parts=_ReadOnly(session.folder.path / "stages"))
+
+    def calibrated(self, session: DiagnosisSession) -> Calibrated:
+        """Return the calibration, searched for only if it is not kept yet."""
+        file = self.kept / SEARCHED
+        if file.is_file():
+            return Calibrated(problem_to_search(session), pickle.loads(file.read_bytes()))
+        calibrated = recalibrate(session)
+        write_atomically(file, lambda stream: stream.write(cloudpickle.dumps(calibrated.searched)))
+        return calibrated
+
+    def diagnosed(self, session: DiagnosisSession) -> tuple[Findings | None, Diagnosis]:
+        """Return what a diagnosis finds and says; no findings where the drives show too little."""
+        calibrated = self.calibrated(session)
+        try:
+            simulated = simulate_null(session, calibrated)
+        except NotTestableError as error:
+            return None, refuse_drives(session, calibrated, error)
+        findings = investigate(session, calibrated, simulated)
+        return findings, conclude(findings)
+
+    def simulated(self, session: DiagnosisSession) -> Simulated:
+        """Return the calibrated simulation."""
+        return simulate_null(session, self.calibrated(session))
+
+    def on_twin(self, twin: Path, session: DiagnosisSession, findings: Findings) -> Diagnosis:
+        """Return what the same fit says of the many more held-out drives of a twin."""
+        problem = read_problem(twin, as_stated=True)
+        interval_s = fine_interval_s(problem)
+        held_out = [drive for drive in problem.drives if drive.role != "fit"]
+        baseline = simulate_null(session, self.calibrated(session)).baseline
+        tables = [drive_table(drive.frames(interval_s), interval_s) for drive in held_out]
+        tallies = gather_tallies([baseline.features.of_table(table) for table in tables],
+                                 [drive.depart_s for drive in held_out])  # fmt: skip
+        prepared = prepare(findings.problem, tallies, baseline.runs, baseline.trials)
+        return conclude(replace(findings, held_out=prepared))
+
+
+class _ReadOnly:
+    """Finished parts that are read and never made."""
+
+    def __init__(self, folder: Path) -> None:
+        from jaxcalib.diagnosis.runs.finished_parts import FinishedParts
+
+        self._parts = FinishedParts(folder)
+        Parts.begin(folder)
+
+    def tallies(self, name: str, make: object) -> dict:
+        def refuse() -> dict:
+            raise NotKeptError(name[:80])
+
+        return self._parts.tallies(name, refuse)

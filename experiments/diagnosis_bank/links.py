@@ -1,0 +1,34 @@
+"""Links of the chain of inference that can be switched off, to see what each buys."""
+
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from unittest.mock import patch
+
+from jaxcalib.diagnosis.features import noise
+from jaxcalib.diagnosis.inference import contest, marginal_likelihood, verdict
+from jaxcalib.diagnosis.stages import refitted, tried
+
+LINKS = {
+    "cross_validation": [(contest, "cross_validated_gains", lambda *_: {})],
+    "leave_one_out": [(contest.Contest, "least_gain", lambda self, signatures: float("inf"))],
+    "needless_unknown": [
+        (contest, "without_needless_unknown", lambda explained, num_features: list(explained)),
+        (refitted, "without_needless_unknown", lambda explained, num_features: list(explained)),
+    ],
+    "tempering": [(marginal_likelihood, "TEMPERATURE", 1.0), (verdict, "TEMPERATURE", 1.0)],
+    "alike_errors": [(marginal_likelihood, "ERRORS_ALIKE", 0.0)],
+    "heavy_tail": [(noise, "MOST_TAIL", 1.0)],
+    "refit": [(refitted, "contenders", lambda explained, signatures: [])],
+    "places": [(tried, "_refined", lambda session, baseline, book, found: found)],
+    "misfit": [(verdict, "most_misfit", lambda num_features: float("inf"))],
+}
+
+
+@contextmanager
+def without(names: Sequence[str]) -> Iterator[None]:
+    """Switch links off for a while."""
+    with ExitStack() as stack:
+        for name in names:
+            for owner, attribute, instead in LINKS[name]:
+                stack.enter_context(patch.object(owner, attribute, instead))
+        yield
