@@ -10,7 +10,7 @@ from experiments.blind_effects.run import ANSWER, case_folders, run_name
 from experiments.blind_effects.seal import Label, SealBrokenError, file_hash, opened
 
 NO_EFFECT = ("no_gap", "miscalibrated")
-NAMING = ("effect", "class")
+NAMING = ("effect", "pair", "class")
 
 
 @dataclass(frozen=True)

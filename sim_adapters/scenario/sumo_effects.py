@@ -27,6 +27,7 @@ from surrogate.effects.heavy_vehicles import (
 from surrogate.effects.memory import MEMORY
 from surrogate.effects.platooned_arrivals import HEADWAY_S, REGULAR_SHARE, SIZE
 from surrogate.effects.registry import EFFECTS, effect_named
+from surrogate.effects.slow_start import BEGINS_BELOW_MPS, ENDS_ABOVE_MPS
 
 NUM_TYPES = 40  # of drivers who differ
 
@@ -178,6 +179,16 @@ def _memory(draft: Draft, setting: EffectSetting) -> None:
         vtype.set("adaptTime", repr(adapt_s))
 
 
+def _slow_start(draft: Draft, setting: EffectSetting) -> None:
+    """Full acceleration from a speed on only; unlike the surrogate's, drivers who never stopped are slow there, too."""
+    for vtype in draft.vtypes(draft.background):
+        full = draft.number(vtype, "accel")
+        low = (1.0 - setting.strength) * full
+        vtype.set("speedTable", f"0 {BEGINS_BELOW_MPS:g} {ENDS_ABOVE_MPS:g} {draft.number(vtype, 'maxSpeed'):g}")
+        for profile in ("maxAccelProfile", "desAccelProfile"):
+            vtype.set(profile, f"{low!r} {low!r} {full!r} {full!r}")
+
+
 def _lane_change_duration(draft: Draft, setting: EffectSetting) -> None:
     draft.processing["lanechange.duration"] = repr(setting.strength)
 
@@ -254,6 +265,7 @@ EXPRESSIONS: dict[str, Expression] = {
     "acceleration_noise": Expression(_acceleration_noise),
     "driver_heterogeneity": Expression(_driver_heterogeneity),
     "memory": Expression(_memory, car_following=("IDM",)),  # IDMM
+    "slow_start": Expression(_slow_start),
     "lane_change_duration": Expression(_lane_change_duration),
     "heavy_vehicles": Expression(_heavy_vehicles),
     "platooned_arrivals": Expression(_platooned_arrivals),

@@ -66,14 +66,14 @@ class Diagnosis:
     """What a diagnosis found; see docs/diagnosis.md.
 
     Attributes:
-        verdict: no_gap, miscalibrated, effect, class, unknown or not_testable.
-        effects: the effect, or those that cannot be told apart.
+        verdict: no_gap, miscalibrated, effect, pair, class, unknown or not_testable.
+        effects: the effect, two that are both there, or those that cannot be told apart.
         reason: the verdict in a sentence.
         ranking: all explanations, best first.
         where: parts of the gap, largest first.
         how_far: gaps on held-out drives; values are None where none was held out.
         checked_in_sumo: effects that were put into SUMO itself, and how its signatures agree with the surrogate's.
-        second_effect: what explains part of what the first effect leaves; None where that is noise.
+        second_effect: the second of two effects that are both there; None otherwise.
         next_steps: what to try next, in sentences.
         undetectable_below: for each effect the strength below which it would go unseen; None where no strength shows.
         visible_with_three_more_drives: the same with three drives more.

@@ -11,7 +11,7 @@ from jaxcalib.diagnosis.answer.findings import Findings
 from jaxcalib.diagnosis.answer.remarks import not_testable, unexplained, warnings_of
 from jaxcalib.diagnosis.features.features import Cell
 from jaxcalib.diagnosis.features.noise import on_cells
-from jaxcalib.diagnosis.inference.further import best_effect, most_flexible_shift, next_steps, second_effect
+from jaxcalib.diagnosis.inference.further import best_effect, most_flexible_shift, next_steps
 from jaxcalib.diagnosis.inference.investigation import gain_of, transfer
 from jaxcalib.diagnosis.inference.ledger import LedgerEntry, parameter_shift
 from jaxcalib.diagnosis.inference.marginal_likelihood import NONE, UNKNOWN, none_among
@@ -29,12 +29,8 @@ HOW_FAR = ("gap_default", "gap_recalibrated", "gap_with_effect", "noise_floor", 
 
 def conclude(findings: Findings) -> Diagnosis:
     """Return the diagnosis."""
-    problem, fitted = findings.problem, findings.fitted
+    problem = findings.problem
     verdict = findings.verdict
-    best = best_effect(findings.explained, verdict)
-    second = None
-    if best is not None:
-        second = second_effect(fitted.difference, fitted.null, best, findings.signatures, findings.num_places)
     nowhere: dict[str, float | None] = dict.fromkeys(effect.name for effect in EFFECTS)
     visible = nowhere | {name: reported(name, entry.visible_from) for name, entry in findings.atlas.items()}
     visible_with_more = nowhere | {
@@ -52,12 +48,9 @@ def conclude(findings: Findings) -> Diagnosis:
         checked_in_sumo=tuple(
             replace(check, strength=reported(check.effect, check.strength)) for check in findings.checks
         ),
-        second_effect=None
-        if second is None
-        else Second(second.name, second.log_evidence, reported(second.name, second.strength)),
+        second_effect=_second(findings),
         next_steps=next_steps(
             verdict,
-            second,
             {name: list(entry.alike) for name, entry in findings.atlas.items()},
             [_named_with_place(entry.cell) for entry in ledger[:3]],
             visible_with_more,
@@ -71,6 +64,14 @@ def conclude(findings: Findings) -> Diagnosis:
         runs=findings.runs,
         wall_s=findings.wall_s,
     )
+
+
+def _second(findings: Findings) -> Second | None:
+    """Return the second of two effects that are both named."""
+    if findings.verdict.kind != "pair" or findings.pairs is None:
+        return None
+    pair = findings.pairs.best
+    return Second(pair.names[1], findings.pairs.gain, reported(pair.names[1], pair.strengths[1]))
 
 
 def refuse(
@@ -201,7 +202,9 @@ def _how_far(findings: Findings, verdict: Verdict) -> dict[str, Any]:
         return null.slope @ steps + transfer(shift, fitted.null, null)
 
     with_effect = None
-    if findings.refit is not None:
+    if verdict.kind == "pair" and findings.pairs is not None:
+        with_effect = recalibrated(findings.pairs.best.shift)
+    elif findings.refit is not None:
         with_effect = findings.refit.expected(null, fitted.null)
     elif best is not None and best.shift is not None:
         with_effect = recalibrated(best.shift)

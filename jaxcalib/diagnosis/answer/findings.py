@@ -11,6 +11,7 @@ from jaxcalib.diagnosis.features.windows import Window
 from jaxcalib.diagnosis.inference.investigation import Prepared
 from jaxcalib.diagnosis.inference.ledger import LedgerEntry, make_ledger
 from jaxcalib.diagnosis.inference.marginal_likelihood import Explained
+from jaxcalib.diagnosis.inference.pairs import Pairs
 from jaxcalib.diagnosis.inference.refit import Refit
 from jaxcalib.diagnosis.inference.sumo_check import Check
 from jaxcalib.diagnosis.inference.verdict import Verdict
@@ -34,6 +35,7 @@ class Findings:
     verdict: Verdict  # the answer
     # the effect that is named first, fitted once more around runs that contain it; None where there is none
     refit: Refit | None
+    pairs: Pairs | None  # two effects at once; None where they explain no more than one does
     signatures: Mapping[str, Sequence[Signature]]  # of all effects that were tried
     atlas: Mapping[str, AtlasEntry]  # what is known of each effect beforehand
     windows: Mapping[str, Sequence[Window]]  # where local effects were tried

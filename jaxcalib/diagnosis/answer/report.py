@@ -13,6 +13,7 @@ TITLES = {
     "no_gap": "No gap beyond noise",
     "miscalibrated": "The scenario was miscalibrated; nothing else is missing that these drives could show",
     "effect": "One effect is missing in the simulation",
+    "pair": "Something is missing: two effects",
     "class": "Something is missing; these drives cannot tell which of these it is",
     "unknown": "Something is missing that is none of the known effects",
     "not_testable": "These drives do not allow an answer",

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from jaxcalib.diagnosis.features.features import Cell, Channel, DriveTallies
-from jaxcalib.diagnosis.features.noise import NullModel
+from jaxcalib.diagnosis.features.noise import NullModel, on_cells
 from jaxcalib.diagnosis.features.signature import Signature
 from jaxcalib.diagnosis.features.windows import Window
 from jaxcalib.diagnosis.runs.null_runs import NullRuns
@@ -90,10 +90,28 @@ def effect_strengths(effect: Effect, window: Window | None) -> tuple[float, ...]
     return (sign * effect.medium, sign * effect.strong)
 
 
+def disagreement(surrogate: DriveTallies, sumo: DriveTallies, null: NullModel) -> np.ndarray:
+    """Return by how much the surrogate's features differ from SUMO's at equal values, beyond chance, in units of noise.
+
+    A feature in which they differ answers to an effect in another way, too: what the surrogate has too much of goes
+    with any effect that takes it away, and is not there in SUMO.
+    """
+    ours, theirs = on_cells(surrogate, null.cells), on_cells(sumo, null.cells)
+    variance = sum(
+        np.nan_to_num(runs.influence()).var(axis=0, ddof=1) / runs.num_independent for runs in (ours, theirs)
+    )
+    square = (null.standardised(ours.values()) ** 2) - variance / null.deviation**2
+    is_seen = (ours.below.sum(axis=0) > 0) & np.isfinite(square)
+    return np.sqrt(np.maximum(np.where(is_seen, square, 0.0), 0.0))
+
+
 def surrogate_signatures(
-    trials: Sequence[EffectTrial], tallies: Mapping[str, DriveTallies], null: NullModel
+    trials: Sequence[EffectTrial], tallies: Mapping[str, DriveTallies], null: NullModel, disagrees: np.ndarray
 ) -> dict[str, list[Signature]]:
-    """Return the signatures that trials show, by effect, in units of noise; a trial whose runs failed shows none."""
+    """Return the signatures that trials show, by effect, in units of noise; a trial whose runs failed shows none.
+
+    Each feature may be wrong by what both simulators disagree by without any effect.
+    """
     groups: dict[tuple[str, Window | None], list[EffectTrial]] = {}
     for tried in trials:
         if not has_pairs(tallies[tried.trial.name], tallies[BASELINE]):
@@ -102,6 +120,7 @@ def surrogate_signatures(
     signatures: dict[str, list[Signature]] = {}
     for (name, window), members in groups.items():
         rows = [paired_difference(tallies[m.trial.name], tallies[BASELINE], null.cells)[:2] for m in members]
+        rows = [(shift, np.hypot(error, disagrees * null.deviation)) for shift, error in rows]
         setting = window.setting() if window else {}
         signature = _signature(name, setting, [m.strength for m in members], rows, null)
         signatures.setdefault(name, []).append(signature)

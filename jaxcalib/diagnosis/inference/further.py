@@ -1,67 +1,16 @@
-"""What is left once the best effect is in: a second effect, a ceiling for all of them together, what to try next."""
+"""What is left once the best effect is in: a ceiling for all effects together, and what to try next."""
 
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from scipy.special import logsumexp
 
 from jaxcalib.diagnosis.features.noise import NullModel
 from jaxcalib.diagnosis.features.signature import Signature
-from jaxcalib.diagnosis.inference.marginal_likelihood import (
-    TEMPERATURE,
-    Explained,
-    alike_errors,
-    log_density,
-    predicted,
-    signature_behind,
-    strengths_of,
-)
-from jaxcalib.diagnosis.inference.verdict import LEAST_EVIDENCE, Verdict
+from jaxcalib.diagnosis.inference.marginal_likelihood import Explained
+from jaxcalib.diagnosis.inference.verdict import Verdict
 from surrogate.effects.registry import effect_named
 
 FLEXIBLE_STRENGTHS = 1.0  # prior standard deviation of each effect's strength, in medium ones
-
-
-def second_effect(
-    difference: np.ndarray,
-    null: NullModel,
-    first: Explained,
-    signatures: Mapping[str, Sequence[Signature]],
-    num_places: Mapping[str, int],
-) -> Explained | None:
-    """Return the effect that, together with the first, explains more than the first alone; None where none does.
-
-    Both strengths are judged together, and what both signatures may be wrong by counts as noise: a first effect whose
-    strength took in part of the second gives it back. The log evidence of the second is the gain over the first alone.
-    """
-    if first.name not in signatures:
-        return None
-    alike = alike_errors(null)
-    own = signature_behind(signatures[first.name], first)
-    firsts = [predicted(own, strength, alike) for strength in strengths_of(own, effect_named(first.name).medium)]
-    alone = _evidence([log_density(difference - s, null.covariance + c)[0] for s, c in firsts])
-    candidates = []
-    others = [name for name in signatures if name != first.name]
-    for name in others:
-        values, strengths = [], []
-        for signature in signatures[name]:
-            for strength in strengths_of(signature, effect_named(name).medium):
-                shift, uncertain = predicted(signature, strength, alike)
-                values += [log_density(difference - s - shift, null.covariance + c + uncertain)[0] for s, c in firsts]
-                strengths += [signature.sign * strength] * len(firsts)
-        gain = _evidence(values) - alone - np.log(num_places.get(name, 1))
-        share = np.exp((np.asarray(values) - max(values)) / TEMPERATURE)
-        candidates.append(Explained(name, float(gain), float(share @ np.asarray(strengths) / share.sum())))
-    best = max(candidates, key=lambda explanation: explanation.log_evidence, default=None)
-    if best is None:
-        return None
-    # Between explanations evidence counts a part only, and each of the others had its chance.
-    counted = best.log_evidence / TEMPERATURE - np.log(len(others))
-    return best if counted >= LEAST_EVIDENCE else None
-
-
-def _evidence(values: Sequence[float]) -> float:
-    return float(logsumexp(values) - np.log(len(values)))
 
 
 def most_flexible_shift(
@@ -85,7 +34,6 @@ def most_flexible_shift(
 
 def next_steps(
     verdict: Verdict,
-    second: Explained | None,
     alike: Mapping[str, Sequence[str]],
     largest: Sequence[str],
     visible_with_more: Mapping[str, float | None],
@@ -103,11 +51,8 @@ def next_steps(
             f"Tell {_list(verdict.effects)} apart: drives on other stretches, at other times or in other traffic, or a "
             "measurement of one of them."
         )
-    if second is not None and verdict.effects:
-        lines.append(
-            f"{_words(second.name)} would explain part of what is left (log evidence {second.log_evidence:.1f}); test "
-            "it once the first is in."
-        )
+    if verdict.kind == "pair":
+        lines.append(f"Put {_list(verdict.effects)} into the simulation, both at once, and calibrate again with them.")
     if verdict.kind == "unknown":
         lines.append(f"Look at {_list(largest)}: they hold the largest parts of what no known effect explains.")
     if verdict.kind in ("no_gap", "miscalibrated"):

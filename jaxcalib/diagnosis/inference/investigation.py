@@ -8,7 +8,14 @@ import numpy as np
 from jaxcalib.diagnosis.features.features import DriveTallies
 from jaxcalib.diagnosis.features.noise import NullModel, null_model, observed_cells, on_cells
 from jaxcalib.diagnosis.features.signature import Signature
-from jaxcalib.diagnosis.inference.atlas import EffectTrial, Slopes, altered_signatures, slopes_of, surrogate_signatures
+from jaxcalib.diagnosis.inference.atlas import (
+    EffectTrial,
+    Slopes,
+    altered_signatures,
+    disagreement,
+    slopes_of,
+    surrogate_signatures,
+)
 from jaxcalib.diagnosis.inference.ledger import parameter_shift, shift_covariance
 from jaxcalib.diagnosis.inference.marginal_likelihood import (
     Explained,
@@ -21,6 +28,7 @@ from jaxcalib.diagnosis.inference.marginal_likelihood import (
 from jaxcalib.diagnosis.inference.ramp_inflow import explain_ramps
 from jaxcalib.diagnosis.runs.null_runs import NullRuns
 from jaxcalib.diagnosis.runs.parameter_steps import parameter_steps
+from jaxcalib.diagnosis.runs.trials import BASELINE
 from jaxcalib.problem.problem import CalibrationProblem
 from surrogate.effects.registry import effect_named
 
@@ -40,6 +48,7 @@ class Prepared:
     null: NullModel
     difference: np.ndarray  # features of the drives less the simulation's, in units of noise
     slopes: Slopes  # change of features with the parameters, in their own units
+    disagrees: np.ndarray  # by how much both simulators differ at equal values, in units of noise
 
 
 def prepare(
@@ -65,14 +74,15 @@ def prepare(
         slopes.influence,
         len(drives),
     )
-    return Prepared(seen, null, null.standardised(seen.values()), slopes)
+    disagrees = disagreement(trials[BASELINE], runs.plain, null)
+    return Prepared(seen, null, null.standardised(seen.values()), slopes, disagrees)
 
 
 def all_signatures(
     prepared: Prepared, runs: NullRuns, trials: Sequence[EffectTrial], tallies: Mapping[str, DriveTallies]
 ) -> dict[str, list[Signature]]:
     """Return the signatures of all effects that were tried, in units of noise."""
-    behaviour = surrogate_signatures(trials, tallies, prepared.null)
+    behaviour = surrogate_signatures(trials, tallies, prepared.null, prepared.disagrees)
     altered = altered_signatures(runs, prepared.null, behaviour)
     return behaviour | altered
 

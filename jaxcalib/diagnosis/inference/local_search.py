@@ -23,13 +23,16 @@ def windows_of_effects(
     difference: Feature, null: NullModel, road: Conventions
 ) -> tuple[dict[str, list[Window]], dict[str, int]]:
     """The windows in which each local effect is tried, and how many independent ones were looked at for it."""
-    stretches, num_stretches = stretch_windows(difference, null, road)
+    scored, num_stretches = stretch_scores(difference, null, road)
     slower, num_spells = spell_windows(difference, null, road)
     windows: dict[str, list[Window]] = {}
     num_looked_at: dict[str, int] = {}
     for effect in EFFECTS:
         if effect.searched_at is SearchedAt.STRETCHES:
-            windows[effect.name] = [window for window in stretches if _suits(effect, window)]
+            suiting = _best_apart([(score, window) for score, window in scored if _suits(effect, window)])
+            # what is always there shows in speeds, too, and where its traffic is dense it does so at times only
+            at_times = [replace(window, from_s=None, to_s=None) for window in slower if _suits(effect, window)]
+            windows[effect.name] = _apart([*suiting, *at_times])
             num_looked_at[effect.name] = num_stretches
         if effect.searched_at is SearchedAt.LANE_POINTS:
             lanes = sorted({int(lane) for lane in road.lane_from_left})
@@ -63,8 +66,8 @@ def lane_points(windows: Sequence[Window], lanes: Sequence[int]) -> list[Window]
     ]
 
 
-def stretch_windows(difference: Feature, null: NullModel, road: Conventions) -> tuple[list[Window], int]:
-    """The best stretches for an effect that is always there, and how many independent ones were looked at.
+def stretch_scores(difference: Feature, null: NullModel, road: Conventions) -> tuple[list[tuple[float, Window]], int]:
+    """Stretches for an effect that is always there, each with its score, and how many independent ones there are.
 
     Residuals of car-following by stretch decide, all regimes together: whatever slows drivers somewhere shows there.
     """
@@ -83,7 +86,7 @@ def stretch_windows(difference: Feature, null: NullModel, road: Conventions) -> 
                 score = _score(difference, null, inside * weight)
                 window = Window(float(borders[begin]), float(borders[begin + width]), sign=_sign_of(score))
                 scored.append((abs(score), window))
-    return _best_apart(scored), num_stretches
+    return scored, num_stretches
 
 
 def spell_windows(
@@ -144,10 +147,13 @@ def _overlap(window: Window, other: Window) -> bool:
 
 def _best_apart(scored: Sequence[tuple[float, Window]]) -> list[Window]:
     """The windows of the highest scores that do not overlap."""
+    return _apart([window for _, window in sorted(scored, key=lambda pair: -pair[0])])[:BEST]
+
+
+def _apart(windows: Sequence[Window]) -> list[Window]:
+    """The windows that overlap none before them."""
     chosen: list[Window] = []
-    for _, window in sorted(scored, key=lambda pair: -pair[0]):
+    for window in windows:
         if not any(_overlap(window, other) for other in chosen):
             chosen.append(window)
-        if len(chosen) == BEST:
-            break
     return chosen

@@ -27,6 +27,7 @@ RunTrials = Callable[[Sequence[EffectTrial]], Mapping[str, DriveTallies]]
 def refine_places(
     difference: np.ndarray,
     null: NullModel,
+    disagrees: np.ndarray,
     explained: Sequence[Explained],
     signatures: Mapping[str, Sequence[Signature]],
     values: np.ndarray,
@@ -56,7 +57,7 @@ def refine_places(
             trials = _nearest_strength(
                 effect_trials(values, num_runs, {explanation.name: around}), explanation.name, explanation.strength
             )
-            several = surrogate_signatures(trials, run(trials), null).get(explanation.name, [])
+            several = surrogate_signatures(trials, run(trials), null, disagrees).get(explanation.name, [])
             if not several:
                 continue
             judged = [_evidence(difference, null, each, effect) for each in several]

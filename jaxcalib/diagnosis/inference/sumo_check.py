@@ -1,8 +1,9 @@
-"""The best explanations checked in SUMO, where SUMO can express the effect: its own runs correct the signatures.
+"""Effects put into SUMO itself, where it can express them: its own runs correct the signatures.
 
-A surrogate's signature may be wrong by a good part of its size, and so the explanations that it ranks first may be told
-apart by its errors. SUMO with the effect, at the strength that fits best, measures the signature itself, if with more
-noise. Both are measurements of one thing, each with its error, and are averaged by their precision, feature by feature.
+A surrogate's signature may be wrong by more than its size: of delays and noise it shows a third, of slow lane changes
+what SUMO does not show. So if there is something to explain, SUMO runs every effect that it has means for, at medium
+strength, and then the best few at the strength that fits. Both simulators measure one thing, each with its error, and
+are averaged by their precision, feature by feature.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -20,6 +21,7 @@ from jaxcalib.diagnosis.inference.marginal_likelihood import (
     signature_behind,
 )
 from surrogate.effects.base import EffectSetting
+from surrogate.effects.registry import effect_named
 
 NUM_CHECKED = 3  # explanations at most
 WITHIN = 20.0  # log evidence: explanations farther behind the best are out of the race
@@ -48,7 +50,7 @@ class Checked:
     checks: tuple[Check, ...]  # one for each effect that was checked, in order
 
 
-Run = Callable[[str, EffectSetting], DriveTallies | None]
+Run = Callable[[str, EffectSetting, bool], DriveTallies | None]  # name, setting, whether a few drives will do
 Explain = Callable[[Mapping[str, Sequence[Signature]]], Sequence[Explained]]
 
 
@@ -60,11 +62,19 @@ def check_in_sumo(
     is_expressible: Callable[[str], bool],
     run: Run,
 ) -> Checked:
-    """Check the best explanations, one after the other, until the best two are checked or exact already.
+    """Run all effects at medium strength, then the best ones until the best two are checked or exact already.
 
     Where `run` returns None, SUMO's runs failed, and the surrogate's word must do.
     """
     known = dict(signatures)
+    for name in filter(is_expressible, signatures):
+        medium = Explained(name, 0.0, strength=effect_named(name).medium)
+        best = signature_behind(known[name], medium)
+        strength = best.strengths[-1] if best.is_fixed else medium.strength
+        tallies = run(name, EffectSetting(strength), True)
+        if tallies is not None:
+            shift, error = measured_signature(tallies, plain, null)
+            known[name] = [corrected(each, best, strength, shift, error) for each in known[name]]
     explained = list(explain(known))
     checks: list[Check] = []
     done: set[str] = set()
@@ -76,7 +86,7 @@ def check_in_sumo(
         done.add(contender.name)
         best = signature_behind(known[contender.name], contender)
         strength = best.strengths[-1] if best.is_fixed else abs(contender.strength)
-        tallies = run(contender.name, EffectSetting(best.sign * strength))
+        tallies = run(contender.name, EffectSetting(best.sign * strength), False)
         if tallies is None:
             continue
         shift, error = measured_signature(tallies, plain, null)

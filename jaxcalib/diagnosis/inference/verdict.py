@@ -34,8 +34,8 @@ UNFIT_SHARE = 0.9  # of an effect's probability that goes to unknown where none 
 class Verdict:
     """The answer."""
 
-    kind: str  # no_gap, miscalibrated, effect, class, unknown or not_testable
-    effects: tuple[str, ...]  # one, several that cannot be told apart, or none
+    kind: str  # no_gap, miscalibrated, effect, pair, class, unknown or not_testable
+    effects: tuple[str, ...]  # one, two that are both there, several that cannot be told apart, or none
     probability: Mapping[str, float]  # of each explanation; they sum to 1
     reason: str  # one line for people
 
@@ -73,6 +73,7 @@ def judge(
     shift_errors: float,
     few_drives: bool,
     aliased: Collection[str] = (),
+    sure_of_pair: tuple[str, ...] | None = None,
 ) -> Verdict:
     """Return the verdict.
 
@@ -83,6 +84,7 @@ def judge(
         shift_errors: by how many of its errors the calibration moved the parameters away from the scenario's.
         few_drives: whether there are too few drives to name one effect: the next likely one is named with it.
         aliased: effects that these drives cannot tell apart; one of them is not named without another.
+        sure_of_pair: effects that are surely there where two effects explain more than one does; None where not.
     """
     probability = probabilities(explained, least_gain)
     none = none_among(explained)
@@ -98,6 +100,8 @@ def judge(
                            "calibrated values nothing is left that noise does not explain.")  # fmt: skip
         return Verdict("no_gap", (), probability, "Simulation and road differ by no more than noise.")
     effects = [explanation for explanation in ranked if explanation.name != UNKNOWN]
+    if sure_of_pair:
+        return _verdict_of_pair(sure_of_pair, probability)
     if probability[UNKNOWN] > sum(probability[explanation.name] for explanation in effects):
         return Verdict("unknown", (), probability, "Something is missing that is none of the known effects.")
     misfit = min(_misfit(explanation, none) for explanation in effects if _is_named(explanation, probability))
@@ -120,6 +124,15 @@ def judge(
     if len(chosen) == 1:
         return Verdict("effect", tuple(chosen), probability, "One effect explains the gap best.")
     return Verdict("class", tuple(chosen), probability, "These effects cannot be told apart on these drives.")
+
+
+def _verdict_of_pair(sure: tuple[str, ...], probability: Mapping[str, float]) -> Verdict:
+    """Return the verdict where two effects are there, of which one at least is sure."""
+    is_something = 1.0 - probability[NONE]
+    told = {name: is_something * (name in sure) / len(sure) for name in probability} | {NONE: probability[NONE]}
+    if len(sure) == 1:
+        return Verdict("effect", sure, told, "This effect is there, and another one that these drives leave open.")
+    return Verdict("pair", sure, told, "Two effects together explain the gap; neither does alone.")
 
 
 def _is_named(explanation: Explained, probability: Mapping[str, float]) -> bool:

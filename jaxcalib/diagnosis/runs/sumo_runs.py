@@ -71,14 +71,15 @@ class SumoRuns:
         except AllRunsFailedError:
             return None
 
-    def with_effect(self, name: str, setting: EffectSetting) -> DriveTallies | None:
+    def with_effect(self, name: str, setting: EffectSetting, is_first_look: bool = False) -> DriveTallies | None:
         """Return runs with the calibrated values and an effect, by SUMO's own means; None where they fail.
 
-        An effect may fill the road until the subject vehicle cannot enter.
+        An effect may fill the road until the subject vehicle cannot enter. A first look takes fewer drives.
         """
-        part = f"check {name} {setting!r}"
+        num_drives = self.plan.look_drives if is_first_look else self.plan.check_drives
+        part = f"{'look' if is_first_look else 'check'} {name} {setting!r}"
         try:
-            return self._plain(part, self.values, self.plan.check_drives, CHECK_SEED, {name: setting})
+            return self._plain(part, self.values, num_drives, CHECK_SEED, {name: setting})
         except AllRunsFailedError:
             return None
 

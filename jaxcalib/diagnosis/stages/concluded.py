@@ -4,6 +4,7 @@ from jaxcalib.diagnosis.answer.answer import Diagnosis
 from jaxcalib.diagnosis.answer.conclusion import refuse
 from jaxcalib.diagnosis.answer.findings import Findings
 from jaxcalib.diagnosis.inference.investigation import NotTestableError
+from jaxcalib.diagnosis.inference.pairs import with_pair
 from jaxcalib.diagnosis.inference.sumo_check import Checked
 from jaxcalib.diagnosis.inference.visibility import atlas_of
 from jaxcalib.diagnosis.runs.null_runs import num_runs_for
@@ -28,7 +29,8 @@ def gather_findings(
 ) -> Findings:
     """Put together what all stages found."""
     baseline = simulated.baseline
-    num_places = tried.contest.num_places
+    num_places, pairs = tried.contest.num_places, judged.grounds.pairs
+    is_pair = refitted.verdict.kind == "pair" and pairs is not None
     session.stopwatch.add("reading", 0.0)
     return Findings(
         problem=session.problem,
@@ -39,9 +41,10 @@ def gather_findings(
         num_places=num_places,
         null_runs=baseline.runs.plain,
         default=simulated.default,
-        explained=refitted.explained,
+        explained=with_pair(refitted.explained, pairs.best) if is_pair else refitted.explained,
         verdict=refitted.verdict,
         refit=refitted.named,
+        pairs=pairs,
         signatures=checked.signatures,
         atlas=atlas_of(checked.signatures, baseline.fitted.null, int(session.is_fit.sum()), num_places),
         windows=tried.windows,

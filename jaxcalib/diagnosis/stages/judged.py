@@ -9,6 +9,7 @@ from jaxcalib.diagnosis.inference.baseline import Baseline
 from jaxcalib.diagnosis.inference.contest import Contest, best_gain
 from jaxcalib.diagnosis.inference.investigation import NotTestableError, Prepared, prepare, shift_in_errors
 from jaxcalib.diagnosis.inference.marginal_likelihood import Explained
+from jaxcalib.diagnosis.inference.pairs import Pairs, judge_pairs
 from jaxcalib.diagnosis.inference.sumo_check import Checked
 from jaxcalib.diagnosis.inference.verdict import LEAST_EVIDENCE, Verdict, judge
 from jaxcalib.diagnosis.stages.session import DiagnosisSession
@@ -23,10 +24,14 @@ class Grounds:
     shift_errors: float  # by how many of its errors the calibration moved the parameters away from the scenario's
     few_drives: bool  # whether there are too few drives to name one effect
     aliased: tuple[str, ...]  # effects that these drives cannot tell apart
+    pairs: Pairs | None  # two effects at once; None where they explain no more than one does
 
     def verdict_on(self, explained: Sequence[Explained]) -> Verdict:
         """The verdict on explanations."""
-        return judge(explained, self.least_gain, self.num_features, self.shift_errors, self.few_drives, self.aliased)
+        sure = None if self.pairs is None else self.pairs.sure
+        return judge(
+            explained, self.least_gain, self.num_features, self.shift_errors, self.few_drives, self.aliased, sure
+        )
 
 
 @dataclass(frozen=True)
@@ -43,9 +48,11 @@ def judge_drives(session: DiagnosisSession, baseline: Baseline, contest: Contest
     """Judge the drives to fit."""
     problem, is_fit, fitted = session.problem, session.is_fit, baseline.fitted
     with session.stopwatch.time("evidence"):
-        gain = best_gain(checked.explained)
+        gain, pairs = best_gain(checked.explained), None
         if gain > LEAST_EVIDENCE and is_fit.sum() > 1:
             gain = min(gain, contest.least_gain(checked.signatures))
+            null, places = fitted.null, contest.num_places
+            pairs = judge_pairs(fitted.difference, null, checked.explained, checked.signatures, places)
         held_out = None
         if not is_fit.all():
             with contextlib.suppress(NotTestableError):
@@ -56,5 +63,6 @@ def judge_drives(session: DiagnosisSession, baseline: Baseline, contest: Contest
             shift_errors=shift_in_errors(problem, baseline.values, fitted),
             few_drives=int(is_fit.sum()) < FEW_DRIVES,
             aliased=aliased_effects(problem),
+            pairs=pairs,
         )
         return Judged(grounds, grounds.verdict_on(checked.explained), held_out)

@@ -12,6 +12,7 @@ from jaxcalib.diagnosis.runs.null_runs import num_runs_for
 from jaxcalib.diagnosis.runs.plan import DiagnosisBudget, plan_diagnosis
 from jaxcalib.problem.problem import CalibrationProblem
 from jaxcalib.runs.session import Session
+from sim_adapters.scenario.sumo_effects import is_expressible
 from surrogate.effects.registry import EFFECTS
 
 RECALIBRATION_SCALE = 0.5  # of the calibration's numbers of runs; the last step is taken on all features anyway
@@ -41,11 +42,13 @@ def begin_session(problem: CalibrationProblem, budget: float, work: Session) -> 
     """The session of a command as one of a diagnosis, whose progress has been told of the numbers of runs."""
     plan, calibration = plan_diagnosis(budget), plan_budget(problem, RECALIBRATION_SCALE * budget)
     num_parameters = len(problem.layout.names)
+    num_expressible = sum(is_expressible(problem.scenario, effect.name) for effect in EFFECTS)
     num_trial_runs = (2 * num_parameters + 1) * plan.slope_runs + 2 * len(EFFECTS) * plan.effect_runs
     work.progress.plan(
         calibration.num_surrogate_runs + num_trial_runs,
         calibration.confirmation_runs * calibration.confirmation_rounds
         + sum(num_runs_for(problem, number) for number in (plan.null_drives, plan.default_drives))
+        + num_expressible * num_runs_for(problem, plan.look_drives)
         + 2 * num_runs_for(problem, plan.check_drives)
         + MOST_SUMO_POINTS * num_runs_for(problem, plan.refit_drives),
     )

@@ -57,6 +57,7 @@ def _refined(session: DiagnosisSession, baseline: Baseline, book: TrialBook, tri
     signatures = refine_places(
         fitted.difference,
         fitted.null,
+        fitted.disagrees,
         tried.explained,
         tried.signatures,
         baseline.values,

@@ -41,7 +41,9 @@ def prepared(tallies: DriveTallies) -> Prepared:
     deviation = np.sqrt(more) * NULL.deviation
     null = replace(NULL, deviation=deviation, slope=NULL.slope / np.sqrt(more))
     zeros = np.zeros_like(NULL.slope)
-    return Prepared(tallies, null, null.standardised(tallies.values()), Slopes(zeros, zeros, zeros))
+    return Prepared(
+        tallies, null, null.standardised(tallies.values()), Slopes(zeros, zeros, zeros), np.zeros(len(null.cells))
+    )
 
 
 def test_only_what_predicts_gains():

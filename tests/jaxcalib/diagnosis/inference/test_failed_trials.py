@@ -12,6 +12,7 @@ from tests.jaxcalib.diagnosis.synthetic import made_up_null
 
 NULL = made_up_null()
 SIZE = len(NULL.cells)
+AGREE = np.zeros(SIZE)  # both simulators do
 NUM_RUNS = 8
 VALUES = np.asarray([4000.0, 500.0, 1.1])
 
@@ -37,7 +38,7 @@ def test_strengths_whose_runs_failed_are_left_out():
     trials = [one for one in effect_trials(VALUES, NUM_RUNS, {}) if one.effect.name in ("memory", "keep_right")]
     num_good = {0.5: NUM_RUNS, 0.8: FEWEST_PAIRS - 1, 3.0: 0, 5.0: 1}  # by strength
     found = {one.trial.name: trial(num_good[one.strength], one.strength) for one in trials}
-    signatures = surrogate_signatures(trials, found | {BASELINE: trial(NUM_RUNS, 0.0)}, NULL)
+    signatures = surrogate_signatures(trials, found | {BASELINE: trial(NUM_RUNS, 0.0)}, NULL, AGREE)
     assert list(signatures) == ["memory"]
     (memory,) = signatures["memory"]
     np.testing.assert_array_equal(memory.strengths, [0.0, 0.5])
@@ -49,11 +50,13 @@ def test_places_where_all_runs_fail_are_not_moved_to():
     trials = effect_trials(VALUES, NUM_RUNS, {"grade": [window]})
     grades = [one for one in trials if one.effect.name == "grade"]
     found = {one.trial.name: trial(NUM_RUNS, one.strength) for one in grades} | {BASELINE: trial(NUM_RUNS, 0.0)}
-    signatures = surrogate_signatures(grades, found, NULL)
+    signatures = surrogate_signatures(grades, found, NULL, AGREE)
     best = Explained("grade", 30.0, 0.02, (0.01, 0.03), window.setting(), 50.0, signatures["grade"][0].shift[1])
 
     def fails(several):
         return {BASELINE: trial(NUM_RUNS, 0.0)} | {one.trial.name: trial(0, 0.0) for one in several}
 
-    refined = refine_places(signatures["grade"][0].shift[1], NULL, [best], signatures, VALUES, NUM_RUNS, (1, 2), fails)
+    refined = refine_places(
+        signatures["grade"][0].shift[1], NULL, AGREE, [best], signatures, VALUES, NUM_RUNS, (1, 2), fails
+    )
     assert refined == signatures

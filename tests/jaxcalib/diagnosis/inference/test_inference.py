@@ -13,7 +13,7 @@ from jaxcalib.diagnosis.features.conventions import rounding_step
 from jaxcalib.diagnosis.features.features import Cell, Channel, DriveTallies
 from jaxcalib.diagnosis.features.signature import Signature
 from jaxcalib.diagnosis.inference.atlas import ALTERED_EXACTNESS, READING_EXACTNESS, altered_exactness
-from jaxcalib.diagnosis.inference.further import most_flexible_shift, next_steps, second_effect
+from jaxcalib.diagnosis.inference.further import most_flexible_shift, next_steps
 from jaxcalib.diagnosis.inference.investigation import Prepared, moved
 from jaxcalib.diagnosis.inference.ledger import make_ledger, parameter_shift, remaining_covariance
 from jaxcalib.diagnosis.inference.marginal_likelihood import (
@@ -25,6 +25,7 @@ from jaxcalib.diagnosis.inference.marginal_likelihood import (
     groups_of,
     log_density,
 )
+from jaxcalib.diagnosis.inference.pairs import judge_pairs
 from jaxcalib.diagnosis.inference.ramp_inflow import explain_ramps
 from jaxcalib.diagnosis.inference.verdict import LEAST_EVIDENCE, Verdict, judge, probabilities
 from jaxcalib.diagnosis.inference.visibility import atlas_of
@@ -242,22 +243,39 @@ def test_a_ramp_far_from_its_given_inflow_is_an_error_of_inflow():
     assert explain_ramps(-10.0, {}, 1.0) is None
 
 
-def test_a_second_effect_is_found_beside_the_first_and_not_in_its_errors():
+def test_two_effects_are_found_together_and_not_in_the_errors_of_one():
     both = {name: [in_own_unit(name)] for name in SIGNATURES}
+
+    def pairs_of(difference: np.ndarray):
+        singles = [explain(difference, NULL, several, effect_named(name).medium) for name, several in both.items()]
+        singles = sorted(singles, key=lambda one: -one.log_evidence)
+        return judge_pairs(difference, NULL, [*singles, explain_none(difference, NULL)], both, {})
+
     for seed in range(4):
         pair = noise(seed + 20) + 1.5 * SIGNATURES["grade"].shift[1] + 1.3 * SIGNATURES["memory"].shift[1]
-        singles = [explain(pair, NULL, several, effect_named(name).medium) for name, several in both.items()]
-        first = max(singles, key=lambda one: one.log_evidence)
-        second = second_effect(pair, NULL, first, both, {})
-        assert second is not None
-        assert {first.name, second.name} == {"grade", "memory"}
-    seconds = 0
+        found = pairs_of(pair)
+        assert found is not None
+        assert set(found.sure) == {"grade", "memory"}
+        strengths = dict(zip(found.best.names, found.best.strengths, strict=True))
+        assert strengths["grade"] == pytest.approx(1.5 * effect_named("grade").medium, rel=0.35)
+        assert strengths["memory"] == pytest.approx(1.3 * effect_named("memory").medium, rel=0.35)
+    found_in_one = 0
     for seed in range(20):
         wrong = 1.0 + 0.3 * np.random.default_rng(100 + seed).standard_normal(SIZE)
         difference = noise(seed + 20) + 1.3 * wrong * SIGNATURES["grade"].shift[1]
-        first = explain(difference, NULL, both["grade"], effect_named("grade").medium)
-        seconds += second_effect(difference, NULL, first, both, {}) is not None
-    assert seconds <= 2
+        found_in_one += pairs_of(difference) is not None
+    assert found_in_one <= 2
+
+
+def test_two_effects_are_named_where_both_are_sure():
+    both = explained(noise(3) + 2.0 * SIGNATURES["grade"].shift[1] + 2.0 * SIGNATURES["memory"].shift[1])
+    two = judge(both, 50.0, SIZE, 0.0, False, (), ("grade", "memory"))
+    assert (two.kind, two.effects) == ("pair", ("grade", "memory"))
+    one = judge(both, 50.0, SIZE, 0.0, False, (), ("memory",))
+    assert (one.kind, one.effects) == ("effect", ("memory",))
+    for verdict in (two, one):
+        assert sum(verdict.probability.values()) == pytest.approx(1.0)
+    assert judge(explained(noise(3)), 0.0, SIZE, 0.0, False, (), ("grade", "memory")).kind == "no_gap"
 
 
 def in_own_unit(name: str) -> Signature:
@@ -275,11 +293,11 @@ def test_all_effects_at_once_explain_at_least_what_one_does():
     np.testing.assert_array_equal(most_flexible_shift(difference, NULL, {}), 0.0)
 
 
-@pytest.mark.parametrize("kind", ["no_gap", "miscalibrated", "effect", "class", "unknown"])
+@pytest.mark.parametrize("kind", ["no_gap", "miscalibrated", "effect", "pair", "class", "unknown"])
 def test_there_is_always_something_to_try_next(kind: str):
-    effects = {"effect": ("grade",), "class": ("grade", "memory")}.get(kind, ())
+    effects = {"effect": ("grade",), "pair": ("grade", "memory"), "class": ("grade", "memory")}.get(kind, ())
     lines = next_steps(
-        Verdict(kind, effects, {}, ""), None, {"grade": ["local_speed_reduction"]}, ["speed (200 to 400 m)", "gap"],
+        Verdict(kind, effects, {}, ""), {"grade": ["local_speed_reduction"]}, ["speed (200 to 400 m)", "gap"],
         {"grade": 0.01, "memory": None}, {"grade": None, "memory": None},
     )  # fmt: skip
     assert lines

@@ -59,8 +59,9 @@ def test_steps_lead_nearer_to_where_it_is():
     )  # fmt: skip
     explained = [Explained("rubbernecking", 30.0, 0.4, (0.3, 0.5), FIRST.setting(), 50.0, pattern(FIRST))]
     found = refine_places(
-        pattern(TRUTH), NULL, explained, {"rubbernecking": [first]}, np.asarray([4000.0, 500.0]), NUM_RUNS, (1, 2), run
-    )
+        pattern(TRUTH), NULL, np.zeros(SIZE), explained, {"rubbernecking": [first]}, np.asarray([4000.0, 500.0]),
+        NUM_RUNS, (1, 2), run,
+    )  # fmt: skip
     setting = found["rubbernecking"][-1].setting
     assert found["rubbernecking"][0] is first
     better = Window(setting["route_from_m"], setting["route_to_m"], setting["time_from_s"], setting["time_to_s"])
@@ -70,7 +71,7 @@ def test_steps_lead_nearer_to_where_it_is():
 def test_what_has_no_place_is_left_alone():
     memory = Signature("memory", {}, np.asarray([0.0, 0.5]), np.ones((2, SIZE)), np.zeros((2, SIZE)))
     explained = [Explained("memory", 30.0, 0.5, (0.3, 0.6), {}, 50.0, np.ones(SIZE))]
-    arguments = (np.ones(SIZE), NULL, explained, {"memory": [memory]}, np.ones(2), NUM_RUNS, (1, 2))
+    arguments = (np.ones(SIZE), NULL, np.zeros(SIZE), explained, {"memory": [memory]}, np.ones(2), NUM_RUNS, (1, 2))
     found = refine_places(*arguments, lambda trials: pytest.fail("nothing is to be run"))
     assert found == {"memory": [memory]}
 

@@ -44,7 +44,7 @@ def drives(strength: float) -> Prepared:
         5
     ).standard_normal(SIZE)
     empty = np.zeros((SIZE, len(STEPS)))
-    return Prepared(tallies(difference, 8), NULL, difference, Slopes(empty, empty, np.zeros((0, SIZE))))
+    return Prepared(tallies(difference, 8), NULL, difference, Slopes(empty, empty, np.zeros((0, SIZE))), np.zeros(SIZE))
 
 
 def signature(is_fixed: bool = False, sign: float = 1.0) -> Signature:

@@ -60,13 +60,13 @@ def test_the_right_effect_overtakes_one_that_the_surrogate_favours():
 
     asked = []
 
-    def run(name: str, setting) -> DriveTallies:
-        asked.append((name, setting.strength))
+    def run(name: str, setting, is_first_look: bool) -> DriveTallies:
+        asked.append((name, is_first_look))
         return runs(setting.strength * DIRECTION, 9)
 
     assert explained(signatures)[0].name == "grade"
     checked = check_in_sumo(NULL, runs(np.zeros(SIZE), 4), signatures, explained, lambda name: name == "memory", run)
-    assert [name for name, _ in asked] == ["memory"]
+    assert asked == [("memory", True), ("memory", False)]
     assert checked.explained[0].name == "memory"
     assert checked.explained[0].strength == pytest.approx(1.2, rel=0.25)
     (check,) = checked.checks
@@ -84,10 +84,10 @@ def test_what_fails_in_sumo_keeps_the_surrogate_s_signature():
         found = [explain(2.0 * DIRECTION, NULL, one, 1.0) for one in several.values()]
         return sorted([*found, explain_none(2.0 * DIRECTION, NULL)], key=lambda one: -one.log_evidence)
 
-    def run(name: str, setting) -> None:
-        asked.append((name, setting))
+    def run(name: str, setting, is_first_look: bool) -> None:
+        asked.append((name, is_first_look))
 
     checked = check_in_sumo(NULL, runs(np.zeros(SIZE), 4), signatures, explained, lambda name: True, run)
-    assert sorted(name for name, _ in asked) == ["keep_right", "memory"]
+    assert sorted(asked) == [(name, first) for name in ("keep_right", "memory") for first in (False, True)]
     assert checked.checks == ()
     assert checked.signatures == signatures

@@ -1,0 +1,140 @@
+"""Two effects at once as an explanation: what neither of them explains alone, and no third one either.
+
+The traces of two effects add up to one that may look like that of a third. So pairs are judged beside single effects,
+all among the best few, both strengths together, with what both signatures may be wrong by.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+from scipy.special import logsumexp
+
+from jaxcalib.diagnosis.features.noise import NullModel
+from jaxcalib.diagnosis.features.signature import Signature
+from jaxcalib.diagnosis.inference.marginal_likelihood import (
+    NEARLY_ALL,
+    TEMPERATURE,
+    Explained,
+    alike_errors,
+    log_density,
+    most_misfit,
+    none_among,
+    predicted,
+    signature_behind,
+    strengths_of,
+)
+from jaxcalib.diagnosis.inference.verdict import ALONE, LEAST_EVIDENCE
+from surrogate.effects.registry import effect_named
+
+AMONG_BEST = 8
+EVERY_STRENGTH = 2  # of those at which a single effect is judged: both together are judged at each pair of them
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Two effects."""
+
+    names: tuple[str, str]
+    log_evidence: float  # logarithm of the marginal likelihood
+    strengths: tuple[float, float]  # posterior means, with their signs
+    shift: np.ndarray  # expected signature of both together, at the posterior
+    misfit: float  # whitened squared misfit at the best strengths
+
+
+@dataclass(frozen=True)
+class Pairs:
+    """The best pair, and what it tells of its two effects."""
+
+    best: Pair
+    gain: float  # log evidence of the best pair above that of the best single effect
+    sure: tuple[str, ...]  # its effects that are in most of what pairs believe
+
+
+def judge_pairs(
+    difference: np.ndarray,
+    null: NullModel,
+    explained: Sequence[Explained],
+    signatures: Mapping[str, Sequence[Signature]],
+    num_places: Mapping[str, int],
+) -> Pairs | None:
+    """Return the pairs where they explain more than any single effect does; None where they do not.
+
+    Args:
+        difference: the drives' features less the baseline's, in units of noise.
+        null: the null model.
+        explained: single explanations, best first.
+        signatures: of all effects.
+        num_places: how many places and times were looked at for each local effect.
+    """
+    best = [each for each in explained if each.is_effect and each.name in signatures][:AMONG_BEST]
+    if len(best) < 2:
+        return None
+    alike = alike_errors(null)
+    predictions = {each.name: _predictions(signatures[each.name], each, alike) for each in best}
+    looked = {each.name: float(np.log(num_places.get(each.name, 1))) for each in best}
+    pairs = []
+    for one, other in combinations(best, 2):
+        pair = _judged(difference, null, (one.name, other.name), predictions)
+        pairs.append((pair.log_evidence - looked[one.name] - looked[other.name], pair))
+    evidence = np.asarray([value for value, _ in pairs])
+    at = int(np.argmax(evidence))
+    gain = float(evidence[at]) - max(each.log_evidence for each in best)
+    # Between explanations evidence counts a part only, and each of the others had its chance.
+    if gain / TEMPERATURE - np.log(len(pairs)) < LEAST_EVIDENCE:
+        return None
+    chosen = pairs[at][1]
+    if chosen.misfit > max(most_misfit(len(difference)), NEARLY_ALL * none_among(explained).best_misfit):
+        return None
+    share = np.exp(evidence / TEMPERATURE - np.logaddexp.reduce(evidence / TEMPERATURE))
+    believed = {name: sum(s for s, (_, p) in zip(share, pairs, strict=True) if name in p.names) for name in predictions}
+    return Pairs(chosen, gain, tuple(name for name in chosen.names if believed[name] >= ALONE))
+
+
+def with_pair(explained: Sequence[Explained], pair: Pair) -> list[Explained]:
+    """Return explanations with the strengths that a pair's two effects have beside each other."""
+    strengths = dict(zip(pair.names, pair.strengths, strict=True))
+    return [replace(each, strength=strengths.get(each.name, each.strength)) for each in explained]
+
+
+def _predictions(
+    several: Sequence[Signature], explanation: Explained, alike: np.ndarray
+) -> list[tuple[float, np.ndarray, np.ndarray]]:
+    """Strengths with signature and covariance of its error, at the place where the effect alone agrees best."""
+    own = signature_behind(several, explanation)
+    medium = effect_named(explanation.name).medium
+    chosen = [each for each in several if each.is_fixed] if own.is_fixed else [own]
+    predictions = []
+    for signature in chosen:
+        for strength in strengths_of(signature, medium)[:: 1 if own.is_fixed else EVERY_STRENGTH]:
+            predictions.append((signature.sign * float(strength), *predicted(signature, strength, alike)))
+    return predictions
+
+
+def _judged(
+    difference: np.ndarray,
+    null: NullModel,
+    names: tuple[str, str],
+    predictions: Mapping[str, list[tuple[float, np.ndarray, np.ndarray]]],
+) -> Pair:
+    values, squares, strengths, shifts = [], [], [], []
+    for one, one_shift, one_error in predictions[names[0]]:
+        for other, other_shift, other_error in predictions[names[1]]:
+            shift = one_shift + other_shift
+            value, square = log_density(difference - shift, null.covariance + one_error + other_error)
+            values.append(value)
+            squares.append(square)
+            strengths.append((one, other))
+            shifts.append(shift)
+    log_values = np.asarray(values)
+    tempered = log_values / TEMPERATURE
+    posterior = np.exp(tempered - np.logaddexp.reduce(tempered))
+    first, second = posterior @ np.asarray(strengths)
+    return Pair(
+        names,
+        float(logsumexp(log_values) - np.log(len(values))),
+        (float(first), float(second)),
+        posterior @ np.asarray(shifts),
+        squares[int(np.argmax(log_values))],
+    )
