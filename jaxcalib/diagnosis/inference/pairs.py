@@ -59,7 +59,7 @@ def judge_pairs(
     signatures: Mapping[str, Sequence[Signature]],
     num_places: Mapping[str, int],
 ) -> Pairs | None:
-    """Return the pairs where they explain more than any single effect does; None where they do not.
+    """Return the pairs where no single effect fits and a pair does, and explains far more; None otherwise.
 
     Args:
         difference: the drives' features less the baseline's, in units of noise.
@@ -69,8 +69,9 @@ def judge_pairs(
         num_places: how many places and times were looked at for each local effect.
     """
     best = [each for each in explained if each.is_effect and each.name in signatures][:AMONG_BEST]
-    if len(best) < 2:
-        return None
+    enough = most_misfit(len(difference))
+    if len(best) < 2 or min(each.best_misfit for each in best) <= enough:
+        return None  # a second effect would soak up what the first one's signature has wrong
     alike = alike_errors(null)
     predictions = {each.name: _predictions(signatures[each.name], each, alike) for each in best}
     looked = {each.name: float(np.log(num_places.get(each.name, 1))) for each in best}
@@ -85,11 +86,12 @@ def judge_pairs(
     if gain / TEMPERATURE - np.log(len(pairs)) < LEAST_EVIDENCE:
         return None
     chosen = pairs[at][1]
-    if chosen.misfit > max(most_misfit(len(difference)), NEARLY_ALL * none_among(explained).best_misfit):
+    if chosen.misfit > max(enough, NEARLY_ALL * none_among(explained).best_misfit):
         return None
     share = np.exp(evidence / TEMPERATURE - np.logaddexp.reduce(evidence / TEMPERATURE))
     believed = {name: sum(s for s, (_, p) in zip(share, pairs, strict=True) if name in p.names) for name in predictions}
-    return Pairs(chosen, gain, tuple(name for name in chosen.names if believed[name] >= ALONE))
+    sure = tuple(name for name in chosen.names if believed[name] >= ALONE)
+    return Pairs(chosen, gain, sure if best[0].name in sure else ())
 
 
 def with_pair(explained: Sequence[Explained], pair: Pair) -> list[Explained]:
