@@ -1,13 +1,13 @@
 """A case of the bank: its search and all tallies are kept beside each other, so that the rest is made anew at will.
 
-A diagnosis in RUN goes on only with the program that began it. Here the calibrated values and the tallies of runs, which
-take minutes, outlive changes of the inference, which takes seconds. Whoever changes simulator, features or calibration
-has to fill a new bank.
+A diagnosis in RUN goes on only with the program that began it. Here the calibrated values and the tallies of runs,
+which take minutes, outlive changes of the inference, which takes seconds. Whoever changes simulator, features or
+calibration has to fill a new bank.
 """
 
 import pickle  # reads what cloudpickle wrote
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,16 +17,16 @@ import cloudpickle  # the search holds closures
 from jaxcalib.diagnosis.answer.answer import Diagnosis
 from jaxcalib.diagnosis.answer.conclusion import conclude
 from jaxcalib.diagnosis.answer.findings import Findings
-from jaxcalib.diagnosis.features.features import gather_tallies
+from jaxcalib.diagnosis.features.features import DriveTallies, gather_tallies
 from jaxcalib.diagnosis.inference.investigation import NotTestableError, prepare
 from jaxcalib.diagnosis.run import investigate
+from jaxcalib.diagnosis.runs.finished_parts import FinishedParts
 from jaxcalib.diagnosis.runs.null_runs import fine_interval_s
 from jaxcalib.diagnosis.stages.calibrated import Calibrated, problem_to_search, recalibrate
 from jaxcalib.diagnosis.stages.concluded import refuse_drives
 from jaxcalib.diagnosis.stages.session import DiagnosisSession, begin_session
-from jaxcalib.diagnosis.stages.simulated import Simulated, simulate_null
+from jaxcalib.diagnosis.stages.simulated import simulate_null
 from jaxcalib.problem.problem import read_problem
-from jaxcalib.runs.parts import Parts
 from jaxcalib.runs.session import open_session
 from sim_adapters.atomic_file import write_atomically
 from surrogate.road.drive_table import drive_table
@@ -53,13 +53,13 @@ class KeptCase:
         problem = read_problem(self.case, as_stated=True)
         with open_session(self.kept, IDENTITY, resume=True, began_s=began_s) as work:
             session = begin_session(problem, 1.0, work)
-            yield session if may_run else replace(session, parts=_ReadOnly(session.folder.path / "stages"))
+            yield session if may_run else replace(session, parts=ReadOnlyParts(session.folder.path / "stages"))
 
     def calibrated(self, session: DiagnosisSession) -> Calibrated:
         """Return the calibration, searched for only if it is not kept yet."""
         file = self.kept / SEARCHED
         if file.is_file():
-            return Calibrated(problem_to_search(session), pickle.loads(file.read_bytes()))
+            return Calibrated(problem_to_search(session), pickle.loads(file.read_bytes()))  # noqa: S301 - our own
         calibrated = recalibrate(session)
         write_atomically(file, lambda stream: stream.write(cloudpickle.dumps(calibrated.searched)))
         return calibrated
@@ -74,10 +74,6 @@ class KeptCase:
         findings = investigate(session, calibrated, simulated)
         return findings, conclude(findings)
 
-    def simulated(self, session: DiagnosisSession) -> Simulated:
-        """Return the calibrated simulation."""
-        return simulate_null(session, self.calibrated(session))
-
     def on_twin(self, twin: Path, session: DiagnosisSession, findings: Findings) -> Diagnosis:
         """Return what the same fit says of the many more held-out drives of a twin."""
         problem = read_problem(twin, as_stated=True)
@@ -91,17 +87,18 @@ class KeptCase:
         return conclude(replace(findings, held_out=prepared))
 
 
-class _ReadOnly:
+class ReadOnlyParts(FinishedParts):
     """Finished parts that are read and never made."""
 
-    def __init__(self, folder: Path) -> None:
-        from jaxcalib.diagnosis.runs.finished_parts import FinishedParts
+    def tallies(self, name: str, make: Callable[[], Mapping[str, DriveTallies]]) -> dict[str, DriveTallies]:
+        """Return the tallies of a part.
 
-        self._parts = FinishedParts(folder)
-        Parts.begin(folder)
+        Raises:
+            NotKeptError: it is not there.
+        """
+        del make
 
-    def tallies(self, name: str, make: object) -> dict:
-        def refuse() -> dict:
+        def refuse() -> Mapping[str, DriveTallies]:
             raise NotKeptError(name[:80])
 
-        return self._parts.tallies(name, refuse)
+        return super().tallies(name, refuse)
