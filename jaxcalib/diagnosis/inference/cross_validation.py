@@ -12,8 +12,8 @@ import numpy as np
 
 from jaxcalib.diagnosis.features.features import DriveTallies
 from jaxcalib.diagnosis.features.signature import Signature
-from jaxcalib.diagnosis.inference.investigation import NotTestableError, Prepared, moved, transfer
-from jaxcalib.diagnosis.inference.marginal_likelihood import explain, log_density
+from jaxcalib.diagnosis.inference.investigation import NotTestableError, Prepared, moved
+from jaxcalib.diagnosis.inference.marginal_likelihood import alike_errors, explain, log_density, predicted, signature_behind
 from surrogate.effects.registry import effect_named
 
 FEWEST_DRIVES = 4  # two in each half
@@ -44,7 +44,9 @@ def cross_validated_gains(
             several = [moved(signature, fitted, fitted_half) for signature in signatures[name]]
             medium, places = effect_named(name).medium, num_places.get(name, 1)
             explained = explain(fitted_half.difference, fitted_half.null, several, medium, places)
-            assert explained.shift is not None
-            shift = transfer(explained.shift, fitted_half.null, other_half.null)
-            gains[name] += log_density(other_half.difference - shift, other_half.null.covariance)[0] - before
+            best = moved(signature_behind(several, explained), fitted_half, other_half)
+            strength = best.strengths[-1] if best.is_fixed else abs(explained.strength)
+            shift, uncertain = predicted(best, strength, alike_errors(other_half.null))
+            covariance = other_half.null.covariance + uncertain
+            gains[name] += log_density(other_half.difference - shift, covariance)[0] - before
     return gains
