@@ -28,6 +28,7 @@ from jaxcalib.diagnosis.runs.sumo_runs import SumoRuns
 from jaxcalib.diagnosis.runs.trial_engine import trial_runner
 from jaxcalib.diagnosis.runs.trials import Trial, TrialRunner, has_pairs, paired_difference
 from jaxcalib.problem.engines import DECISION_INTERVAL_S
+from jaxcalib.problem.parameter_space import round_values
 from jaxcalib.problem.problem import CalibrationProblem
 from jaxcalib.runs.progress import Progress
 from sim_adapters.sumo.workers import SumoWorkers
@@ -130,7 +131,8 @@ class BaselineMaker:
             shift = parameter_shift(difference, null)
             if np.max(np.abs(shift)) <= FAR_STEPS:
                 break
-            further = np.clip(values + sizes * np.clip(shift, -LONGEST_STEPS, LONGEST_STEPS), least, self.bounds[1])
+            step = sizes * np.clip(shift, -LONGEST_STEPS, LONGEST_STEPS)
+            further = round_values(np.clip(values + step, least, self.bounds[1]))
             change = self._change(best, further)
             num_tried += 1
             if change is None or _misfit(best.fitted.difference - change, null) >= _misfit(difference, null):

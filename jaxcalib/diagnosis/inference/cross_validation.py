@@ -1,9 +1,9 @@
 """Whether an effect that was fitted to some drives predicts others: what only soaks up differences does not.
 
 Evidence lets a signature be wrong by a share of its size, and a large signature of the wrong shape may pass for noise
-of the right size. Its expectation then makes predictions worse. So each effect is fitted to half of the drives to fit,
-parameters and all, and judged on the other half, and the other way round; held-out drives stay untouched for how far
-the gap shrinks.
+of the right size. So each effect is fitted to half of the drives to fit, parameters and all, and judged on the other
+half by what it predicts there, errors included, and the other way round. Without the errors a right signature that is
+off by a third in a jam would be out of the race, too. Held-out drives stay untouched for how far the gap shrinks.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -13,7 +13,13 @@ import numpy as np
 from jaxcalib.diagnosis.features.features import DriveTallies
 from jaxcalib.diagnosis.features.signature import Signature
 from jaxcalib.diagnosis.inference.investigation import NotTestableError, Prepared, moved
-from jaxcalib.diagnosis.inference.marginal_likelihood import alike_errors, explain, log_density, predicted, signature_behind
+from jaxcalib.diagnosis.inference.marginal_likelihood import (
+    alike_errors,
+    explain,
+    log_density,
+    predicted,
+    signature_behind,
+)
 from surrogate.effects.registry import effect_named
 
 FEWEST_DRIVES = 4  # two in each half

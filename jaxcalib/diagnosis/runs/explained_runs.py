@@ -12,6 +12,7 @@ from jaxcalib.diagnosis.features.windows import window_of
 from jaxcalib.diagnosis.runs.parameter_steps import parameter_steps
 from jaxcalib.diagnosis.runs.sumo_runs import SumoRuns
 from jaxcalib.diagnosis.runs.trials import BASELINE, Trial, has_pairs, paired_difference
+from jaxcalib.problem.parameter_space import round_values
 from jaxcalib.problem.problem import CalibrationProblem
 from sim_adapters.scenario.sumo_effects import is_expressible
 from surrogate.effects.base import EffectSetting
@@ -144,4 +145,4 @@ def _setting(signature: Signature, strength: float) -> EffectSetting:
 
 def moved_values(values: np.ndarray, step_sizes: np.ndarray, steps: np.ndarray) -> np.ndarray:
     """Return parameter values after a shift; none falls below a share of what was calibrated."""
-    return np.maximum(values + step_sizes * steps, LEAST_VALUE_SHARE * values)
+    return round_values(np.maximum(values + step_sizes * steps, LEAST_VALUE_SHARE * values))

@@ -55,7 +55,7 @@ def test_only_what_predicts_gains():
     right, wrong = (np.asarray([one[name] for one in gains]) for name in signatures)
     assert (right > 0.0).all()
     assert (right > wrong).all()
-    assert np.median(wrong) < 0.5
+    assert np.median(wrong) < 0.7 * np.median(right)  # noise of the right size is worth something, and not as much
     nothing = [
         cross_validated_gains(["memory"], prepared(drives(0.0, seed)), prepared, signatures, {})["memory"]
         for seed in range(10)
