@@ -23,6 +23,7 @@ from jaxcalib.diagnosis.inference.investigation import Prepared, transfer
 from jaxcalib.diagnosis.inference.marginal_likelihood import (
     MOST_STRENGTH,
     SIGNATURE_ERROR,
+    TRACE_ERROR,
     Explained,
     alike_errors,
     most_misfit,
@@ -242,7 +243,8 @@ def _interval_90(
     course: _Course, best: Explained, signatures: Sequence[Signature], strength: float, error: float
 ) -> tuple[float, float]:
     """Return the interval of the strength; a fixed signature's reaches halfway to the next one on either side."""
-    deviation = HALF_WIDTH_90 * error
+    form = TRACE_ERROR * float(np.mean(course.signature.exactness)) * strength
+    deviation = HALF_WIDTH_90 * float(np.hypot(error, form))
     low, high = max(strength - deviation, 0.0), max(min(strength + deviation, course.most), strength)
     if course.signature.is_fixed:
         tried = np.unique([signature.strengths[-1] for signature in signatures])

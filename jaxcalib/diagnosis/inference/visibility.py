@@ -13,15 +13,12 @@ from scipy.special import logsumexp
 
 from jaxcalib.diagnosis.features.noise import NullModel
 from jaxcalib.diagnosis.features.signature import Signature
-from jaxcalib.diagnosis.inference.marginal_likelihood import alike_errors, predicted, strengths_of
+from jaxcalib.diagnosis.inference.marginal_likelihood import TRACE_ERROR, alike_errors, predicted, strengths_of
 from jaxcalib.diagnosis.inference.verdict import LEAST_EVIDENCE
 from surrogate.effects.registry import effect_named
 
 POWER = 0.8  # an effect is visible if so many of such fields would show it
 NUM_FIELDS = 200  # made up for each strength; the same random numbers for all, so that power grows with the strength
-# What the road shows of an effect is not what the surrogate does: logarithm of strengths told to true ones (root mean
-# square over the twelve effects that were named in docs/diagnosis.md and whose signatures are the surrogate's: 0.38).
-TRACE_ERROR = 0.4
 STRONGEST, WEAKEST = 2.0, 0.02  # strengths that are looked at, in units of the strongest that was tried
 HALVINGS = 7  # of the ratio between the two: to 4 %
 MORE_DRIVES = 3

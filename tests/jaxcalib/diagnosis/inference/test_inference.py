@@ -18,11 +18,13 @@ from jaxcalib.diagnosis.inference.investigation import Prepared, moved
 from jaxcalib.diagnosis.inference.ledger import make_ledger, parameter_shift, remaining_covariance
 from jaxcalib.diagnosis.inference.marginal_likelihood import (
     NONE,
+    TRACE_ERROR,
     UNKNOWN,
     explain,
     explain_none,
     explain_unknown,
     groups_of,
+    interval_90,
     log_density,
 )
 from jaxcalib.diagnosis.inference.pairs import judge_pairs
@@ -329,3 +331,15 @@ def test_readings_are_nearly_exact_and_stay_so_among_other_features():
                     altered_exactness("gap_sensor_bias", cells))  # fmt: skip
     exactness = moved(one, here, there).exactness
     np.testing.assert_allclose(exactness, [READING_EXACTNESS, 1.0, ALTERED_EXACTNESS])
+
+
+def test_an_interval_reaches_halfway_to_the_next_strength_and_as_far_as_traces_differ():
+    strengths, sure = np.asarray([0.25, 0.5, 1.0, 1.5, 2.0]), np.asarray([0.0, 0.0, 1.0, 0.0, 0.0])
+    assert interval_90(strengths, sure, 0.0) == pytest.approx((0.75, 1.25))
+    low, high = interval_90(strengths, sure, 0.5)
+    assert 0.75 / low == pytest.approx(high / 1.25)
+    assert high / 1.25 == pytest.approx(1.0 + 1.6449 * 0.5 * TRACE_ERROR, rel=1e-3)
+    negative = interval_90(-strengths, sure, 0.5)
+    assert negative == pytest.approx((-high, -low))
+    spread = interval_90(strengths, np.asarray([0.2, 0.2, 0.2, 0.2, 0.2]), 0.0)
+    assert spread == pytest.approx((0.125, 2.125))

@@ -118,7 +118,7 @@ def test_the_interval_holds_by_how_far_simulators_disagree():
     assert alike is not None
     assert differ is not None
     assert differ.strength == pytest.approx(alike.strength, abs=0.03)  # SUMO's
-    narrow, wide = (one.interval_90[1] - one.strength for one in (alike, differ))
+    narrow, wide = (one.strength - one.interval_90[0] for one in (alike, differ))
     disagreement = (1.0 / 0.8 - 1.0) * TRUE_STRENGTH
     assert wide == pytest.approx(np.hypot(narrow, HALF_WIDTH_90 * disagreement / np.sqrt(2.0)), rel=0.3)
 
