@@ -88,11 +88,39 @@ def score(cases: Sequence[Answered], forest: Sequence[str]) -> list[Line]:
         _share("90 % sets hold the truth", lambda case: case.truth in likely_set(case), in_library, 0.85, 0.9),
         _number("mean size of 90 % sets", [len(likely_set(case)) for case in in_library], np.mean),
     ]
-    lines += _fraction_lines(cases) + _place_lines(single)
+    lines += _strength_lines(single) + _fraction_lines(cases) + _place_lines(single)
     walls = [float(case.answer["wall_s"]["total"]) for case in cases]
     lines.append(_number("wall time, median (s)", walls, np.median, 600.0, 180.0, is_most=True))
     lines.append(_number("wall time, longest (s)", walls, np.max))
     return lines + _naive_lines(cases, clear, forest)
+
+
+def is_visible(case: Answered) -> bool:
+    """Return whether the answer's power table says that an effect of the true strength would be seen."""
+    least = case.answer.get("undetectable_below", {}).get(case.truth)
+    return least is not None and _true_strength(case) >= abs(least)
+
+
+def holds_strength(case: Answered) -> bool:
+    """Return whether the interval of the true effect's strength holds it; signs are the label's, sizes count."""
+    entry = next(one for one in case.answer["ranking"] if one["effect"] == case.truth)
+    if entry.get("strength_ci90") is None:
+        return False
+    low, high = sorted(abs(bound) for bound in entry["strength_ci90"])
+    return low <= _true_strength(case) <= high
+
+
+def _true_strength(case: Answered) -> float:
+    return abs(float(case.label["effects"][0]["strength"]))
+
+
+def _strength_lines(single: Sequence[Answered]) -> list[Line]:
+    named = [case for case in single if case.truth in case.named]
+    seen = [case for case in single if is_visible(case)]
+    return [
+        _share("named, of those that the power table calls visible", is_named, seen, 0.75, 0.9),
+        _share("90 % intervals hold the true strength, of effects named", holds_strength, named, 0.85, 0.9),
+    ]
 
 
 def _is_one_of_pair(case: Answered) -> bool:

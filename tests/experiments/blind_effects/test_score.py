@@ -13,10 +13,12 @@ from experiments.blind_effects.overlap import answered_cells, overlap_over_union
 from experiments.blind_effects.rates import paired_difference, rate
 from experiments.blind_effects.run import diagnose_cases
 from experiments.blind_effects.score import (
+    holds_strength,
     is_false_alarm,
     is_named,
     is_named_alone,
     is_other_named,
+    is_visible,
     likely_set,
     score,
 )
@@ -43,6 +45,20 @@ def answered(
     } | more
     label = {"kind": kind, "effects": effects, "place_and_time": place, "num_drives": 12}
     return Answered(Path("nowhere"), label, answer)
+
+
+def test_strengths_and_what_the_power_table_promises_are_held_against_the_truth():
+    """True strengths are 1; signs are the label's."""
+    held, missed = (
+        answered(named=("memory",), ranking=[{"effect": "memory", "probability": 1.0, "strength_ci90": interval}])
+        for interval in ((-1.2, -0.8), (1.1, 1.6))
+    )
+    assert (holds_strength(held), holds_strength(missed)) == (True, False)
+    seen, unseen, never = (answered(undetectable_below={"memory": least}) for least in (0.9, 1.1, None))
+    assert [is_visible(case) for case in (seen, unseen, never)] == [True, False, False]
+    lines = score([held, missed, seen, unseen], ["none"] * 4)
+    assert value_of(lines, "90 % intervals hold the true strength") == 0.5
+    assert value_of(lines, "named, of those that the power table calls visible") == 0.0
 
 
 def value_of(lines, start: str) -> float | None:
