@@ -139,7 +139,7 @@ def test_fraction_closed_is_judged_by_the_twin():
 
     cases = [case(0.5, (0.4, 0.6), 0.55), case(0.5, (0.4, 0.6), 0.7), case(0.9, (0.2, 1.0), 0.5), answered()]
     lines = score(cases, ["none"] * 4)
-    assert value_of(lines, "90 % intervals hold") == pytest.approx(2 / 3)
+    assert value_of(lines, "90 % intervals hold the true fraction") == pytest.approx(2 / 3)
     assert value_of(lines, "median error of the fraction") == pytest.approx(0.2)
 
 
