@@ -231,10 +231,13 @@ def case_rows(cases: Iterable[Answered], forest: Sequence[str]) -> list[dict[str
             {
                 "case": case.folder.name,
                 "kind": case.kind,
+                "road": str(case.label.get("road", "")),
                 "true": list(case.true_effects),
                 "level": case.level,
+                "strengths": [effect.get("strength") for effect in case.label["effects"]],
                 "verdict": case.verdict,
                 "named": list(case.named),
+                "told": [_told(case, name) for name in case.named],
                 "forest": says,
                 "largest_gain": largest_gain(case),
                 "largest_error": largest_error(case),
@@ -245,10 +248,23 @@ def case_rows(cases: Iterable[Answered], forest: Sequence[str]) -> list[dict[str
     return rows
 
 
+def _told(case: Answered, name: str) -> str:
+    """Return the strength of a named effect with its interval."""
+    entry = next((one for one in case.answer["ranking"] if one["effect"] == name), {})
+    if entry.get("strength") is None or not entry.get("strength_ci90"):
+        return "-"
+    low, high = entry["strength_ci90"]
+    return f"{entry['strength']:.3g} ({low:.3g} to {high:.3g})"
+
+
 def score_answers(
     cases: Path, runs: Path, key: Path | None, train: tuple[Path, ...], out: Path, console: Console
-) -> list[Line]:
-    """Read labels and answers, print the table, write score.json and score.html into a folder, return the lines."""
+) -> tuple[list[Line], list[dict[str, Any]]]:
+    """Read labels and answers, print the table, write score.json and score.html into a folder.
+
+    Returns:
+        The table's lines, and a row for each case.
+    """
     answered, missing = read_answers(cases, runs, key)
     if not answered:
         raise SystemExit(f"{runs}: expected RUN/diagnosis.json of labelled cases, there is none.")
@@ -263,7 +279,7 @@ def score_answers(
     (out / "score.json").write_text(json.dumps(content, indent=1), encoding="utf-8")
     write_page(out / "score.html", lines, rows, missing)
     console.print(f"written: {out / 'score.json'}, {out / 'score.html'}")
-    return lines
+    return lines, rows
 
 
 def _labelled(folders: tuple[Path, ...]) -> list[tuple[Path, str]]:

@@ -103,6 +103,28 @@ def show(console: Console, lines: list[Line]) -> None:
     console.print(table)
 
 
+def recorded_line(line: Line) -> dict[str, str]:
+    """Return a line of the table as a row to keep."""
+    title, value, interval, of, least, aim, judgement = line.cells()
+    return {"what": title, "value": value, "95 % interval": interval, "cases": of, "asked": least, "aim": aim,
+            "met": judgement}  # fmt: skip
+
+
+def recorded_case(row: dict[str, Any]) -> dict[str, str]:
+    """Return a case's row as one to keep; sealed names say nothing."""
+    truth = " and ".join(f"{name} {strength:g}" for name, strength in zip(row["true"], row["strengths"], strict=True))
+    return {
+        "road": row["road"],
+        "kind": row["kind"],
+        "truth": truth or "-",
+        "level": row["level"],
+        "verdict": row["verdict"],
+        "named": ", ".join(row["named"]),
+        "told": ", ".join(row["told"]),
+        "time, s": f"{row['wall_s']:.0f}",
+    }
+
+
 def write_page(file: Path, lines: list[Line], rows: list[dict[str, Any]], missing: list[str]) -> None:
     """Write the table as a page."""
     page = Environment(autoescape=True).from_string(PAGE)

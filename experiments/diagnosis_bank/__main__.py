@@ -10,10 +10,13 @@ from cyclopts.validators import Number
 from rich.console import Console
 
 from experiments.blind_effects.run import ANSWER, case_folders
+from experiments.blind_effects.score import score_answers
+from experiments.blind_effects.score_table import recorded_case, recorded_line
 from experiments.blind_effects.seal import file_hash
 from experiments.diagnosis_bank.fill import fill_bank, write_answer
 from experiments.diagnosis_bank.kept_case import KeptCase, NotKeptError
 from experiments.diagnosis_bank.links import LINKS, without
+from experiments.results.record import record as keep
 
 app = App(name="experiments.diagnosis_bank", help="A bank of diagnosed cases.")
 
@@ -87,6 +90,29 @@ def judge(
         console.print(f"{folder.name}: {diagnosis.verdict} {' '.join(diagnosis.effects)} "
                       f"({time.perf_counter() - began_s:.1f} s)")  # fmt: skip
     (out / "answers.json").write_text(json.dumps(hashes, indent=1), encoding="utf-8")
+    return 0
+
+
+@app.command
+def record(cases: Path, answers: Path, title: str, /, *, key: Path, name: str) -> int:
+    """Score answers on sealed cases, as `experiments.blind_effects score` does, and keep the tables in results.
+
+    Parameters
+    ----------
+    cases
+        Folder of the cases.
+    answers
+        Folder of the answers.
+    title
+        What the tables are called.
+    key
+        The labels.
+    name
+        Name of the tables in the file; one of the same name is replaced.
+    """
+    lines, rows = score_answers(cases, answers, key, (), answers, Console())
+    keep("diagnosis", name, [recorded_line(line) for line in lines if line.of], title)
+    keep("diagnosis", f"{name}_cases", [recorded_case(row) for row in rows], f"{title}, case by case")
     return 0
 
 

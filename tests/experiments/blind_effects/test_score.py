@@ -229,7 +229,7 @@ def test_run_and_score_from_end_to_end(sealed: Path):
     hashes = json.loads((sealed / "runs" / "answers.json").read_text())
     assert hashes["aa"] == file_hash(sealed / "runs" / "aa" / "diagnosis.json")
     args = (sealed / "cases", sealed / "runs", sealed / "key.json", (), sealed / "out", Console(quiet=True))
-    lines = score_answers(*args)
+    lines, _ = score_answers(*args)
     assert value_of(lines, "the same, alone") == 1.0
     assert value_of(lines, "false alarms on nulls") == 1.0
     assert json.loads((sealed / "out" / "score.json").read_text())["table"][0]["of"] == 1
