@@ -15,7 +15,7 @@ from surrogate.road.road import Road
 from surrogate.road.traffic_state import VehicleArrays, with_changes
 from surrogate.vehicle.car_following_model import FollowingSituation
 from surrogate.vehicle.habits import Habits
-from surrogate.vehicle.lane_change_model import STAY, LaneChangeDecision
+from surrogate.vehicle.lane_change_model import LaneChangeDecision
 from surrogate.vehicle.vehicle_class import CarFollowingMix, VehicleClass
 from surrogate.xla.gather import take
 from surrogate.xla.tiles import most_of_batch
@@ -76,7 +76,7 @@ def with_memories(effects: Effects, vehicles: VehicleArrays, seed: Int[Array, ""
         for effect in EFFECTS
         if effect.begin is not None
     }
-    personal[LANE_CHANGE] = {"direction": jnp.zeros_like(vehicles.row), "origin_row": vehicles.row}
+    personal[LANE_CHANGE] = {"direction": jnp.zeros_like(vehicles.row)}
     return with_changes(vehicles, personal=personal)
 
 
@@ -121,13 +121,10 @@ def decide_lanes(effects: Effects, decision: LaneChangeDecision, moment: Moment)
     return _through(effects, "decide", decision, moment)
 
 
-def with_lane_changes(
-    vehicles: VehicleArrays, direction: Int[Array, " vehicle"], row: Int[Array, " vehicle"]
-) -> VehicleArrays:
-    """The vehicles, each with the direction in which it is changing lane now, and the row that it came from."""
+def with_lane_changes(vehicles: VehicleArrays, direction: Int[Array, " vehicle"]) -> VehicleArrays:
+    """The vehicles, each with the direction in which it is changing lane now."""
     personal = dict(vehicles.personal or {})
-    origin = jnp.where(direction != STAY, row, personal[LANE_CHANGE]["origin_row"])
-    return with_changes(vehicles, personal=personal | {LANE_CHANGE: {"direction": direction, "origin_row": origin}})
+    return with_changes(vehicles, personal=personal | {LANE_CHANGE: {"direction": direction}})
 
 
 def remember_lane_changes(effects: Effects, moment: Moment) -> VehicleArrays:
@@ -147,8 +144,7 @@ def show_lane_changes(
     personal = vehicles.personal or {}
     for effect in EFFECTS:
         if effect.appear is not None:
-            own = dict(personal.get(effect.name, {})) | {"origin_row": personal[LANE_CHANGE]["origin_row"]}
-            memory = {name: take(values, entry) for name, values in own.items()}
+            memory = {name: take(values, entry) for name, values in personal.get(effect.name, {}).items()}
             frame = effect.appear(effects.dial(effect.name), frame, memory)
     return frame
 

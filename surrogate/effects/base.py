@@ -204,9 +204,7 @@ class Effect:
     remember: Hook = None  # (dial, Moment after the step, acceleration ordered) -> memory
     decide: Hook = None  # (dial, LaneChangeDecision, Moment) -> LaneChangeDecision
     settle: Hook = None  # (dial, Moment after the decision, direction in which each vehicle has just changed) -> memory
-    # (dial, PerceptionFrame, memory of the vehicle at each object) -> PerceptionFrame; that memory also has
-    # `origin_row`, the row that the vehicle was in before it last changed
-    appear: Hook = None
+    appear: Hook = None  # (dial, PerceptionFrame, memory of the vehicle at each object) -> PerceptionFrame
     watch: Hook = None  # (PerceptionFrame) -> memory before the first frame
     sense: Hook = None  # (dial, PerceptionFrame, memory, seed) -> PerceptionFrame, memory
 

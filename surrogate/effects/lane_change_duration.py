@@ -45,17 +45,16 @@ def _remember(dial: Dial, moment: Moment, order_mps2: Value) -> Memory:
 
 
 def _appear(dial: Dial, frame: PerceptionFrame, memory: Memory) -> PerceptionFrame:
-    """Return the frame with objects on their way between two lanes, each in the lane where most of it is."""
+    """Return the frame with objects on their way between two lanes off the middle of the lane whose traffic they join.
+
+    In the lane that they leave they would stand before a leader whom they do not follow any more, and seem to follow
+    badly; SUMO's follow both.
+    """
     left = memory["remaining_s"] / jnp.maximum(dial.strength, 1e-3)
     is_moving = frame.object_valid & (left > 0.0)
-    direction = memory["direction"]
-    lateral = -direction.astype(left.dtype) * left * LANE_WIDTH_M
-    is_before = is_moving & (left > 0.5)
-    lateral = jnp.where(is_before, lateral + direction.astype(left.dtype) * LANE_WIDTH_M, lateral)
-    row = jnp.where(is_before, memory["origin_row"], frame.object_row)
-    return dataclasses.replace(
-        frame, object_row=row, object_lateral_m=jnp.where(is_moving, lateral, frame.object_lateral_m)
-    )
+    away_m = jnp.minimum(left, 0.5) * LANE_WIDTH_M
+    lateral_m = -memory["direction"].astype(left.dtype) * away_m
+    return dataclasses.replace(frame, object_lateral_m=jnp.where(is_moving, lateral_m, frame.object_lateral_m))
 
 
 def _alter(table: DriveTable, strength: float, log: LogFormat, random: np.random.Generator) -> DriveTable:

@@ -221,12 +221,12 @@ def _in_new_rows(
     moment: Moment,
 ) -> VehicleArrays:
     """The vehicles, not yet reordered, with the rows that they change to and what the road demands there."""
-    moved_from, effects = vehicles.row, world.effects
+    effects = world.effects
     row = jnp.where(order.has_moved, decision.target_row, vehicles.row)
     vehicles = look_up_lane(with_changes(vehicles, row=row), on_road)
     if effects is not None:
         vehicles = materialise(road_demands(effects, vehicles, world.road, moment))
-        vehicles = with_lane_changes(vehicles, jnp.where(order.has_moved, decision.direction, STAY), moved_from)
+        vehicles = with_lane_changes(vehicles, jnp.where(order.has_moved, decision.direction, STAY))
     return vehicles
 
 

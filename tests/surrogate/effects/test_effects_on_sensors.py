@@ -131,7 +131,7 @@ def test_order_keeps_every_object_once() -> None:
     assert after.object_valid.sum() == shuffled.object_valid.sum()
 
 
-def test_a_vehicle_between_two_lanes_is_reported_where_most_of_it_is() -> None:
+def test_a_vehicle_between_two_lanes_is_reported_off_the_middle_of_the_one_it_joins() -> None:
     """A change to the left that takes 4 s, with 3.0, 1.0 and 0 s of it left."""
     assert LANE_CHANGE_DURATION.appear is not None
     dial = effects_of({"lane_change_duration": EffectSetting(4.0)}).dial("lane_change_duration")
@@ -140,8 +140,7 @@ def test_a_vehicle_between_two_lanes_is_reported_where_most_of_it_is() -> None:
     memory = {
         "remaining_s": jnp.asarray([3.0, 1.0, 0.0, *spare]),
         "direction": jnp.asarray([1, 1, 1, 0, 0, 0]),
-        "origin_row": jnp.zeros((6,), jnp.int32),
     }
     after = LANE_CHANGE_DURATION.appear(dial, jax.tree.map(jnp.asarray, frame), memory)
-    np.testing.assert_array_equal(after.object_row[:3], [0, 1, 1])
-    np.testing.assert_allclose(after.object_lateral_m[:3], [0.25 * LANE_WIDTH_M, -0.25 * LANE_WIDTH_M, 0.0], atol=1e-6)
+    np.testing.assert_array_equal(after.object_row[:3], [1, 1, 1])
+    np.testing.assert_allclose(after.object_lateral_m[:3], [-0.5 * LANE_WIDTH_M, -0.25 * LANE_WIDTH_M, 0.0], atol=1e-6)
