@@ -18,7 +18,7 @@ LINKS = {
     "tempering": [(marginal_likelihood, "TEMPERATURE", 1.0), (verdict, "TEMPERATURE", 1.0)],
     "alike_errors": [(marginal_likelihood, "ERRORS_ALIKE", 0.0)],
     "heavy_tail": [(noise, "MOST_TAIL", 1.0)],
-    "refit": [(refitted, "contenders", lambda explained, signatures: [])],
+    "refit": [(refitted, "contenders", lambda explained, signatures, verdict: [])],
     "places": [(tried, "_refined", lambda session, baseline, book, found: found)],
     "misfit": [(verdict, "most_misfit", lambda num_features: float("inf"))],
 }

@@ -6,14 +6,20 @@ from dataclasses import replace
 from jaxcalib.diagnosis.features.signature import Signature
 from jaxcalib.diagnosis.inference.marginal_likelihood import Explained, effects_above_none
 from jaxcalib.diagnosis.inference.refit import Refit
-from jaxcalib.diagnosis.inference.sumo_check import NUM_CHECKED, WITHIN
+from jaxcalib.diagnosis.inference.verdict import Verdict
 
 
-def contenders(explained: Sequence[Explained], signatures: Mapping[str, Sequence[Signature]]) -> list[Explained]:
-    """Return the best effect and those close behind it, best first, as far as they have signatures."""
-    effects = effects_above_none(explained)
-    near = [explanation for explanation in effects if explanation.log_evidence > effects[0].log_evidence - WITHIN]
-    return [explanation for explanation in near[:NUM_CHECKED] if explanation.name in signatures]
+def contenders(
+    explained: Sequence[Explained], signatures: Mapping[str, Sequence[Signature]], verdict: Verdict
+) -> list[Explained]:
+    """Return the effects that a verdict names, best first, as far as they have signatures; the best one for unknown.
+
+    Two effects that are both there are not fitted again one by one.
+    """
+    effects = [each for each in effects_above_none(explained) if each.name in signatures]
+    if verdict.kind == "unknown":
+        return effects[:1]
+    return [] if verdict.kind == "pair" else [each for each in effects if each.name in verdict.effects]
 
 
 def with_refits(explained: Sequence[Explained], refits: Mapping[str, Refit]) -> list[Explained]:

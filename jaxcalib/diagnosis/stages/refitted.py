@@ -45,7 +45,8 @@ def refit_best(
         return Refitted(checked.explained, judged.verdict, {})
     session.progress.stage("refit")
     with session.stopwatch.time("refit"):
-        refits = _refits(baseline, checked, _runner(session, calibrated, baseline, book))
+        chosen = contenders(checked.explained, checked.signatures, judged.verdict)
+        refits = _refits(baseline, checked, chosen, _runner(session, calibrated, baseline, book))
         num_features = judged.grounds.num_features
         explained = without_needless_unknown(with_refits(checked.explained, refits), num_features)
         return Refitted(explained, judged.grounds.verdict_on(explained), refits)
@@ -70,11 +71,13 @@ def _runner(session: DiagnosisSession, calibrated: Calibrated, baseline: Baselin
     )
 
 
-def _refits(baseline: Baseline, checked: Checked, runner: ExplainedRunner) -> dict[str, Refit]:
+def _refits(
+    baseline: Baseline, checked: Checked, chosen: Sequence[Explained], runner: ExplainedRunner
+) -> dict[str, Refit]:
     fitted = baseline.fitted
     refits: dict[str, Refit] = {}
     fitting_steps = None  # those of the first that fits: the others need no search of their own
-    for rank, contender in enumerate(contenders(checked.explained, checked.signatures)):
+    for rank, contender in enumerate(chosen):
         most_points = OTHERS_SUMO_POINTS if rank else MOST_SUMO_POINTS
         signatures = checked.signatures[contender.name]
         refitted = refit(fitted, contender, signatures, runner, most_points, fitting_steps)

@@ -14,6 +14,7 @@ from jaxcalib.diagnosis.inference.ledger import parameter_shift
 from jaxcalib.diagnosis.inference.marginal_likelihood import Explained, explain
 from jaxcalib.diagnosis.inference.refit import refit
 from jaxcalib.diagnosis.inference.refitted_contest import contenders, with_refits
+from jaxcalib.diagnosis.inference.verdict import Verdict
 from jaxcalib.diagnosis.runs.explained_runs import ExplainedRuns, moved_values
 from jaxcalib.statistics.normal import HALF_WIDTH_90
 from tests.jaxcalib.diagnosis.synthetic import made_up_null
@@ -207,8 +208,11 @@ def test_refits_tell_apart_what_signatures_do_not():
     none = Explained("none", right.log_evidence - 50.0)
     far = replace(right, name="keep_right", log_evidence=right.log_evidence - 40.0)
     signatures = {name: [signature()] for name in ("memory", "platooned_arrivals", "keep_right")}
-    asked = contenders([wrong, right, far, none], signatures)
+    all_of_them = [wrong, right, far, none]
+    asked = contenders(all_of_them, signatures, Verdict("class", ("memory", "platooned_arrivals"), {}, ""))
     assert [one.name for one in asked] == ["platooned_arrivals", "memory"]
+    assert contenders(all_of_them, signatures, Verdict("unknown", (), {}, "")) == [wrong]
+    assert contenders(all_of_them, signatures, Verdict("pair", ("memory", "keep_right"), {}, "")) == []
 
     refits = {}
     for one, maker in zip(asked, (Made(bend=4.0), Made()), strict=True):
