@@ -14,6 +14,7 @@ from jaxcalib.diagnosis.features.replay import count_replay
 from jaxcalib.diagnosis.inference.atlas import altered_exactness
 from jaxcalib.diagnosis.inference.local_search import windows_of_effects
 from jaxcalib.diagnosis.inference.marginal_likelihood import groups_of
+from surrogate.effects.base import SearchedAt
 from surrogate.effects.registry import EFFECT_NAMES
 from surrogate.road.drive_table import DriveTable, LogFormat
 
@@ -133,3 +134,21 @@ def test_tracks_that_come_and_go_have_a_tolerance(cells: tuple[Cell, ...]):
     lost_and_found = [cell for cell in cells if cell.measure in ("lost_inside_range_phs", "found_inside_range_phs")]
     assert len(lost_and_found) == 2
     assert all(cell.tolerance > 0.0 for cell in lost_and_found)
+
+
+def test_each_direction_has_windows_of_its_own_and_slow_spells_are_places_too(cells: tuple[Cell, ...]):
+    """Wherever residuals of car-following say that vehicles gain speed, what slows them has no stretch of its own."""
+    observed, model, _ = model_of(cells)
+    by_stretch = np.asarray([cell.locates == SearchedAt.STRETCHES for cell in observed])
+    spells = [cell for cell in observed if cell.locates == SearchedAt.SPELLS and cell.from_m is not None]
+    slow = min(cell.from_m for cell in spells if cell.from_m is not None)
+    is_slow = np.asarray([cell in spells and cell.from_m == slow for cell in observed])
+    difference = np.where(by_stretch, 3.0, 0.0) - np.where(is_slow, 6.0, 0.0)
+    windows, _ = windows_of_effects(difference, model, ROAD)
+    (where,) = windows["local_speed_reduction"]
+    assert where.from_m == slow
+    assert (where.from_s, where.to_s, where.sign) == (None, None, 1.0)
+    assert any(window.sign == -1.0 for window in windows["grade"])
+    both, _ = windows_of_effects(np.where(by_stretch, -3.0, 0.0), model, ROAD)
+    assert all(window.sign == 1.0 for window in both["local_speed_reduction"])
+    assert both["local_speed_reduction"]
