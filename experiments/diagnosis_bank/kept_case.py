@@ -78,11 +78,12 @@ class KeptCase:
         """Return what the same fit says of the many more held-out drives of a twin."""
         problem = read_problem(twin, as_stated=True)
         interval_s = fine_interval_s(problem)
-        held_out = [drive for drive in problem.drives if drive.role != "fit"]
+        drives = zip(problem.case.drives, problem.drives, strict=True)
+        held_out = [(stated.depart_s, drive) for stated, drive in drives if stated.role != "fit"]
         baseline = simulate_null(session, self.calibrated(session)).baseline
-        tables = [drive_table(drive.frames(interval_s), interval_s) for drive in held_out]
-        tallies = gather_tallies([baseline.features.of_table(table) for table in tables],
-                                 [drive.depart_s for drive in held_out])  # fmt: skip
+        tables = [drive_table(drive.frames(interval_s), interval_s) for _, drive in held_out]
+        books = [baseline.features.of_table(table) for table in tables]
+        tallies = gather_tallies(books, [depart_s for depart_s, _ in held_out])
         prepared = prepare(findings.problem, tallies, baseline.runs, baseline.trials)
         return conclude(replace(findings, held_out=prepared))
 
