@@ -111,7 +111,8 @@ def record(cases: Path, answers: Path, title: str, /, *, key: Path, name: str) -
         Name of the tables in the file; one of the same name is replaced.
     """
     lines, rows = score_answers(cases, answers, key, (), answers, Console())
-    keep("diagnosis", name, [recorded_line(line) for line in lines if line.of], title)
+    note = "Answers of `judge` on kept runs: times are those of judging, not of a diagnosis; twins have the same fit."
+    keep("diagnosis", name, [recorded_line(line) for line in lines if line.of], title, [note])
     keep("diagnosis", f"{name}_cases", [recorded_case(row) for row in rows], f"{title}, case by case")
     return 0
 
