@@ -95,11 +95,10 @@ def estimate_demand(
     num_inputs = len(base)
     wide = np.concatenate([design.sum(axis=1, keepdims=True), design], axis=1)
     trust = np.full(num_inputs, COMMON_TRUST)  # what the logs say goes first: from the other side one may be held
+    deviation, covariance = _deviations(wide, target, trust)
     for _ in range(NUM_REWEIGHTINGS):
-        prior = np.diag(np.concatenate([[COMMON_TRUST], trust]) ** -2.0)
-        covariance = np.linalg.inv(wide.T @ wide + prior)
-        deviation = covariance @ (wide.T @ target)
         trust = _trust_after(deviation[1:], covariance.diagonal()[1:])
+        deviation, covariance = _deviations(wide, target, trust)
     combine = np.concatenate([np.ones((num_inputs, 1)), np.eye(num_inputs)], axis=1)
     change = combine @ deviation
     error = np.sqrt(np.diag(combine @ covariance @ combine.T))
@@ -118,6 +117,15 @@ def demand_covariance(demand: DemandEstimate) -> np.ndarray:
     """Return how the true inflows vary around the scenario's, [input, input], veh/h squared."""
     relative = COMMON_TRUST**2 + np.diag(demand.trust**2)
     return np.outer(demand.scenario_vehph, demand.scenario_vehph) * relative
+
+
+def _deviations(
+    wide: Float[np.ndarray, "section unknown"], target: Float[np.ndarray, " section"], trust: np.ndarray
+) -> tuple[Float[np.ndarray, " unknown"], Float[np.ndarray, "unknown unknown"]]:
+    """Return the common factor's deviation and each input's own with their covariance, as far as each is trusted."""
+    prior = np.diag(np.concatenate([[COMMON_TRUST], trust]) ** -2.0)
+    covariance = np.linalg.inv(wide.T @ wide + prior)
+    return covariance @ (wide.T @ target), covariance
 
 
 def _trust_after(deviation: Float[np.ndarray, " input"], variance: Float[np.ndarray, " input"]) -> np.ndarray:

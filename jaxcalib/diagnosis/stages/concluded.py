@@ -30,7 +30,9 @@ def gather_findings(
     """Put together what all stages found."""
     baseline = simulated.baseline
     num_places, pairs = tried.contest.num_places, judged.grounds.pairs
-    is_pair = refitted.verdict.kind == "pair" and pairs is not None
+    explained = refitted.explained
+    if refitted.verdict.kind == "pair" and pairs is not None:
+        explained = with_pair(explained, pairs.best)
     session.stopwatch.add("reading", 0.0)
     return Findings(
         problem=session.problem,
@@ -41,7 +43,7 @@ def gather_findings(
         num_places=num_places,
         null_runs=baseline.runs.plain,
         default=simulated.default,
-        explained=with_pair(refitted.explained, pairs.best) if is_pair else refitted.explained,
+        explained=explained,
         verdict=refitted.verdict,
         refit=refitted.named,
         pairs=pairs,
