@@ -1,6 +1,5 @@
 """`python -m experiments.diagnosis_bank`: keeps what diagnoses ran, and judges it anew."""
 
-import json
 import time
 from pathlib import Path
 from typing import Annotated
@@ -17,6 +16,7 @@ from experiments.diagnosis_bank.fill import fill_bank, write_answer
 from experiments.diagnosis_bank.kept_case import KeptCase, NotKeptError
 from experiments.diagnosis_bank.links import LINKS, without
 from experiments.results.record import record as keep
+from experiments.results.terminal import write_json
 
 app = App(name="experiments.diagnosis_bank", help="A bank of diagnosed cases.")
 
@@ -89,7 +89,7 @@ def judge(
             continue
         console.print(f"{folder.name}: {diagnosis.verdict} {' '.join(diagnosis.effects)} "
                       f"({time.perf_counter() - began_s:.1f} s)")  # fmt: skip
-    (out / "answers.json").write_text(json.dumps(hashes, indent=1), encoding="utf-8")
+    write_json(out / "answers.json", hashes)
     return 0
 
 

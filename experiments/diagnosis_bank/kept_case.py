@@ -18,12 +18,11 @@ from jaxcalib.diagnosis.answer.answer import Diagnosis
 from jaxcalib.diagnosis.answer.conclusion import conclude
 from jaxcalib.diagnosis.answer.findings import Findings
 from jaxcalib.diagnosis.features.features import DriveTallies, gather_tallies
-from jaxcalib.diagnosis.inference.investigation import NotTestableError, prepare
-from jaxcalib.diagnosis.run import investigate
+from jaxcalib.diagnosis.inference.investigation import prepare
+from jaxcalib.diagnosis.run import answer
 from jaxcalib.diagnosis.runs.finished_parts import FinishedParts
 from jaxcalib.diagnosis.runs.null_runs import fine_interval_s
 from jaxcalib.diagnosis.stages.calibrated import Calibrated, problem_to_search, recalibrate
-from jaxcalib.diagnosis.stages.concluded import refuse_drives
 from jaxcalib.diagnosis.stages.session import DiagnosisSession, begin_session
 from jaxcalib.diagnosis.stages.simulated import simulate_null
 from jaxcalib.problem.problem import read_problem
@@ -66,13 +65,7 @@ class KeptCase:
 
     def diagnosed(self, session: DiagnosisSession) -> tuple[Findings | None, Diagnosis]:
         """Return what a diagnosis finds and says; no findings where the drives show too little."""
-        calibrated = self.calibrated(session)
-        try:
-            simulated = simulate_null(session, calibrated)
-        except NotTestableError as error:
-            return None, refuse_drives(session, calibrated, error)
-        findings = investigate(session, calibrated, simulated)
-        return findings, conclude(findings)
+        return answer(session, self.calibrated(session))
 
     def on_twin(self, twin: Path, session: DiagnosisSession, findings: Findings) -> Diagnosis:
         """Return what the same fit says of the many more held-out drives of a twin."""

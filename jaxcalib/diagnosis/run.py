@@ -15,7 +15,7 @@ from jaxcalib.diagnosis.stages.concluded import gather_findings, refuse_drives
 from jaxcalib.diagnosis.stages.judged import judge_drives
 from jaxcalib.diagnosis.stages.refitted import refit_best
 from jaxcalib.diagnosis.stages.session import DiagnosisSession, begin_session
-from jaxcalib.diagnosis.stages.simulated import Simulated, simulate_null
+from jaxcalib.diagnosis.stages.simulated import simulate_null
 from jaxcalib.diagnosis.stages.tried import try_effects
 from jaxcalib.problem.engines import prepare_devices
 from jaxcalib.problem.problem import read_problem
@@ -74,28 +74,26 @@ def diagnose(
 
 
 def _diagnose(session: DiagnosisSession) -> Diagnosis:
-    calibrated = recalibrate(session)
-    try:
-        simulated = simulate_null(session, calibrated)
-    except NotTestableError as error:
-        diagnosis = refuse_drives(session, calibrated, error)
-        session.folder.write_text("diagnosis.json", diagnosis.to_json())
-        return diagnosis
-    findings = investigate(session, calibrated, simulated)
-    session.progress.stage("report")
-    diagnosis = conclude(findings)
+    findings, diagnosis = answer(session, recalibrate(session))
     session.folder.write_text("diagnosis.json", diagnosis.to_json())
-    from jaxcalib.diagnosis.answer.report import report_html
+    if findings is not None:
+        session.progress.stage("report")
+        from jaxcalib.diagnosis.answer.report import report_html
 
-    session.folder.write_text("diagnosis.html", report_html(findings, diagnosis))
+        session.folder.write_text("diagnosis.html", report_html(findings, diagnosis))
     return diagnosis
 
 
-def investigate(session: DiagnosisSession, calibrated: Calibrated, simulated: Simulated) -> Findings:
-    """Try, check, judge and refit effects against the calibrated simulation."""
+def answer(session: DiagnosisSession, calibrated: Calibrated) -> tuple[Findings | None, Diagnosis]:
+    """Return what there is to find from calibrated values on, and the answer; no findings where drives show little."""
+    try:
+        simulated = simulate_null(session, calibrated)
+    except NotTestableError as error:
+        return None, refuse_drives(session, calibrated, error)
     baseline, book = simulated.baseline, simulated.trial_book(session)
     tried = try_effects(session, baseline, book)
     checked = check_best(session, baseline, tried)
     judged = judge_drives(session, baseline, tried.contest, checked)
     refitted = refit_best(session, calibrated, baseline, book, checked, judged)
-    return gather_findings(session, calibrated, simulated, book, tried, checked, judged, refitted)
+    findings = gather_findings(session, calibrated, simulated, book, tried, checked, judged, refitted)
+    return findings, conclude(findings)

@@ -53,6 +53,21 @@ def on_cells(tallies: DriveTallies, cells: tuple[Cell, ...]) -> DriveTallies:
     return DriveTallies(cells, above, below, tallies.depart_s, tallies.run)
 
 
+def measured_shift(runs: DriveTallies, plain: DriveTallies, null: NullModel) -> tuple[np.ndarray, np.ndarray]:
+    """Return by how much runs differ from the null model's and its standard error, in units of noise.
+
+    Features that the runs do not show count as unchanged, with an infinite error. `plain` are the null model's
+    own runs.
+    """
+    ours, theirs = on_cells(runs, null.cells), on_cells(plain, null.cells)
+    variance = sum(
+        np.nan_to_num(some.influence()).var(axis=0, ddof=1) / some.num_independent for some in (ours, theirs)
+    )
+    shift = null.standardised(ours.values())
+    is_known = np.isfinite(shift) & (ours.below.sum(axis=0) > 0)
+    return np.where(is_known, shift, 0.0), np.where(is_known, np.sqrt(variance) / null.deviation, np.inf)
+
+
 def observed_cells(field: DriveTallies, null: DriveTallies) -> tuple[Cell, ...]:
     """Return the features that both observe often enough to have a mean and a noise."""
     cells = tuple(cell for cell in null.cells if cell in set(field.cells))

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from jaxcalib.diagnosis.features.features import Cell, Channel, DriveTallies
-from jaxcalib.diagnosis.features.noise import NullModel, on_cells
+from jaxcalib.diagnosis.features.noise import NullModel, measured_shift
 from jaxcalib.diagnosis.features.signature import Signature
 from jaxcalib.diagnosis.features.windows import Window
 from jaxcalib.diagnosis.runs.null_runs import NullRuns
@@ -96,13 +96,8 @@ def disagreement(surrogate: DriveTallies, sumo: DriveTallies, null: NullModel) -
     A feature in which they differ answers to an effect in another way, too: what the surrogate has too much of goes
     with any effect that takes it away, and is not there in SUMO.
     """
-    ours, theirs = on_cells(surrogate, null.cells), on_cells(sumo, null.cells)
-    variance = sum(
-        np.nan_to_num(runs.influence()).var(axis=0, ddof=1) / runs.num_independent for runs in (ours, theirs)
-    )
-    square = (null.standardised(ours.values()) ** 2) - variance / null.deviation**2
-    is_seen = (ours.below.sum(axis=0) > 0) & np.isfinite(square)
-    return np.sqrt(np.maximum(np.where(is_seen, square, 0.0), 0.0))
+    shift, error = measured_shift(surrogate, sumo, null)
+    return np.sqrt(np.maximum(shift**2 - error**2, 0.0))
 
 
 def surrogate_signatures(

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from jaxcalib.diagnosis.features.features import DriveTallies
-from jaxcalib.diagnosis.features.noise import NullModel, on_cells
+from jaxcalib.diagnosis.features.noise import NullModel, measured_shift
 from jaxcalib.diagnosis.features.signature import Signature
 from jaxcalib.diagnosis.inference.marginal_likelihood import (
     SIGNATURE_ERROR,
@@ -73,7 +73,7 @@ def check_in_sumo(
         strength = best.strengths[-1] if best.is_fixed else medium.strength
         tallies = run(name, EffectSetting(strength), True)
         if tallies is not None:
-            shift, error = measured_signature(tallies, plain, null)
+            shift, error = measured_shift(tallies, plain, null)
             known[name] = [corrected(each, best, strength, shift, error) for each in known[name]]
     explained = list(explain(known))
     checks: list[Check] = []
@@ -89,23 +89,11 @@ def check_in_sumo(
         tallies = run(contender.name, EffectSetting(best.sign * strength), False)
         if tallies is None:
             continue
-        shift, error = measured_signature(tallies, plain, null)
+        shift, error = measured_shift(tallies, plain, null)
         checks.append(_check(contender.name, best, strength, shift, error, null, tallies.num_runs))
         known[contender.name] = [corrected(each, best, strength, shift, error) for each in known[contender.name]]
         explained = list(explain(known))
     return Checked(explained, known, tuple(checks))
-
-
-def measured_signature(tallies: DriveTallies, plain: DriveTallies, null: NullModel) -> tuple[np.ndarray, np.ndarray]:
-    """Return the signature that SUMO's runs show and its standard error, in units of noise."""
-    with_effect, without = on_cells(tallies, null.cells), on_cells(plain, null.cells)
-    variance = sum(
-        np.nan_to_num(runs.influence()).var(axis=0, ddof=1) / runs.num_independent for runs in (with_effect, without)
-    )
-    shift = (with_effect.values() - null.mean) / null.deviation
-    is_known = np.isfinite(shift) & (with_effect.below.sum(axis=0) > 0)
-    error = np.sqrt(variance) / null.deviation
-    return np.where(is_known, shift, 0.0), np.where(is_known, error, np.inf)
 
 
 def corrected(

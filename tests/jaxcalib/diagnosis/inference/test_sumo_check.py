@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from jaxcalib.diagnosis.features.features import DriveTallies
+from jaxcalib.diagnosis.features.noise import measured_shift
 from jaxcalib.diagnosis.features.signature import Signature
 from jaxcalib.diagnosis.inference.marginal_likelihood import explain, explain_none
-from jaxcalib.diagnosis.inference.sumo_check import check_in_sumo, corrected, measured_signature
+from jaxcalib.diagnosis.inference.sumo_check import check_in_sumo, corrected
 from tests.jaxcalib.diagnosis.synthetic import made_up_null
 
 NULL = made_up_null()
@@ -28,7 +29,7 @@ def signature(name: str, shift: np.ndarray) -> Signature:
 
 
 def test_the_measured_signature_is_the_difference_in_units_of_noise():
-    shift, error = measured_signature(runs(DIRECTION, 3), runs(np.zeros(SIZE), 4), NULL)
+    shift, error = measured_shift(runs(DIRECTION, 3), runs(np.zeros(SIZE), 4), NULL)
     np.testing.assert_allclose(error, np.sqrt(2.0 * 8.0 / NUM_RUNS), rtol=0.15)
     z = (shift - DIRECTION) / np.sqrt(8.0 / NUM_RUNS)
     assert np.abs(z).max() < 4.5
