@@ -13,6 +13,7 @@ NULL_SEED = 600_000  # the diagnosis: SUMO with the calibrated values,
 DEFAULT_SEED = 700_000  # SUMO with the scenario as it is,
 TRIAL_SEED = 800_000  # the surrogate with effects,
 CHECK_SEED = 900_000  # SUMO with the effects that may explain the gap,
+LOOK_SEED = 925_000  # with each that it has means for,
 EXPLAINED_SEED = 950_000  # and with values fitted to an effect
 
 # Behind the seeds of a search: runs that must not have been seen by what they judge.

@@ -68,7 +68,8 @@ def sentences(diagnosis: Diagnosis) -> list[str]:
     far = diagnosis.how_far
     if far.get("fraction_closed") is not None:
         share = f"{far['fraction_closed']:.0%}"
-        text = f"On drives that nothing was fitted to, adding it closes {share} of the gap above noise"
+        what = "both" if diagnosis.verdict == "pair" else "it"
+        text = f"On drives that nothing was fitted to, adding {what} closes {share} of the gap above noise"
         if far.get("fraction_closed_ci90"):
             low, high = far["fraction_closed_ci90"]
             text += f" (90 % interval {low:.0%} to {high:.0%})"

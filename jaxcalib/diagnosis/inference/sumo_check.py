@@ -48,6 +48,7 @@ class Checked:
     explained: Sequence[Explained]  # explanations with corrected signatures, best first
     signatures: Mapping[str, Sequence[Signature]]  # of all effects, corrected where they were checked
     checks: tuple[Check, ...]  # one for each effect that was checked, in order
+    num_look_runs: int = 0  # SUMO's runs of all effects at medium strength
 
 
 Run = Callable[[str, EffectSetting, bool], DriveTallies | None]  # name, setting, whether a few drives will do
@@ -66,7 +67,7 @@ def check_in_sumo(
 
     Where `run` returns None, SUMO's runs failed, and the surrogate's word must do.
     """
-    known = dict(signatures)
+    known, num_look_runs = dict(signatures), 0
     for name in filter(is_expressible, signatures):
         medium = Explained(name, 0.0, strength=effect_named(name).medium)
         best = signature_behind(known[name], medium)
@@ -75,6 +76,7 @@ def check_in_sumo(
         if tallies is not None:
             shift, error = measured_shift(tallies, plain, null)
             known[name] = [corrected(each, best, strength, shift, error) for each in known[name]]
+            num_look_runs += tallies.num_runs
     explained = list(explain(known))
     checks: list[Check] = []
     done: set[str] = set()
@@ -90,10 +92,11 @@ def check_in_sumo(
         if tallies is None:
             continue
         shift, error = measured_shift(tallies, plain, null)
-        checks.append(_check(contender.name, best, strength, shift, error, null, tallies.num_runs))
+        in_surrogate = signature_behind(signatures[contender.name], contender)
+        checks.append(_check(contender.name, in_surrogate, strength, shift, error, null, tallies.num_runs))
         known[contender.name] = [corrected(each, best, strength, shift, error) for each in known[contender.name]]
         explained = list(explain(known))
-    return Checked(explained, known, tuple(checks))
+    return Checked(explained, known, tuple(checks), num_look_runs)
 
 
 def corrected(

@@ -100,7 +100,7 @@ def judge(
                            "calibrated values nothing is left that noise does not explain.")  # fmt: skip
         return Verdict("no_gap", (), probability, "Simulation and road differ by no more than noise.")
     effects = [explanation for explanation in ranked if explanation.name != UNKNOWN]
-    if sure_of_pair:
+    if sure_of_pair and not few_drives and not set(sure_of_pair) & set(aliased):
         return _verdict_of_pair(sure_of_pair, probability)
     if probability[UNKNOWN] > sum(probability[explanation.name] for explanation in effects):
         return Verdict("unknown", (), probability, "Something is missing that is none of the known effects.")

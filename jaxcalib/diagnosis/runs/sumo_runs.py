@@ -12,7 +12,7 @@ from jaxcalib.diagnosis.runs.finished_parts import FinishedParts
 from jaxcalib.diagnosis.runs.null_runs import NullRuns, alterations_of, fine_interval_s, num_runs_for, run_null
 from jaxcalib.diagnosis.runs.plan import DiagnosisBudget
 from jaxcalib.problem.problem import CalibrationProblem
-from jaxcalib.runs.seeds import CHECK_SEED, DEFAULT_SEED, EXPLAINED_SEED, NULL_SEED
+from jaxcalib.runs.seeds import CHECK_SEED, DEFAULT_SEED, EXPLAINED_SEED, LOOK_SEED, NULL_SEED
 from sim_adapters.sumo.workers import SumoWorkers
 from surrogate.effects.base import EffectSetting
 from surrogate.effects.registry import effect_named
@@ -76,10 +76,11 @@ class SumoRuns:
 
         An effect may fill the road until the subject vehicle cannot enter. A first look takes fewer drives.
         """
-        num_drives = self.plan.look_drives if is_first_look else self.plan.check_drives
-        part = f"{'look' if is_first_look else 'check'} {name} {setting!r}"
+        word, num_drives, seed = ("check", self.plan.check_drives, CHECK_SEED)
+        if is_first_look:  # both count as two measurements: they share no chance
+            word, num_drives, seed = ("look", self.plan.look_drives, LOOK_SEED)
         try:
-            return self._plain(part, self.values, num_drives, CHECK_SEED, {name: setting})
+            return self._plain(f"{word} {name} {setting!r}", self.values, num_drives, seed, {name: setting})
         except AllRunsFailedError:
             return None
 

@@ -278,6 +278,8 @@ def test_two_effects_are_named_where_both_are_sure():
     for verdict in (two, one):
         assert sum(verdict.probability.values()) == pytest.approx(1.0)
     assert judge(explained(noise(3)), 0.0, SIZE, 0.0, False, (), ("grade", "memory")).kind == "no_gap"
+    assert judge(both, 50.0, SIZE, 0.0, True, (), ("grade", "memory")).kind != "pair"  # too few drives
+    assert judge(both, 50.0, SIZE, 0.0, False, ("grade", "blockage"), ("grade", "memory")).kind != "pair"
 
 
 def in_own_unit(name: str) -> Signature:
