@@ -248,16 +248,21 @@ def test_a_ramp_far_from_its_given_inflow_is_an_error_of_inflow():
 def test_two_effects_are_found_together_and_not_in_the_errors_of_one():
     both = {name: [in_own_unit(name)] for name in SIGNATURES}
 
-    def pairs_of(difference: np.ndarray):
-        singles = [explain(difference, NULL, several, effect_named(name).medium) for name, several in both.items()]
-        singles = sorted(singles, key=lambda one: -one.log_evidence)
-        return judge_pairs(difference, NULL, [*singles, explain_none(difference, NULL)], both, {})
+    def pairs_of(difference: np.ndarray, exactness: float = 1.0, **change):
+        known = {name: [replace(one, exactness=exactness) for one in several] for name, several in both.items()}
+        singles = [explain(difference, NULL, several, effect_named(name).medium) for name, several in known.items()]
+        singles = [replace(one, **change) for one in sorted(singles, key=lambda one: -one.log_evidence)]
+        return judge_pairs(difference, NULL, [*singles, explain_none(difference, NULL)], known, {})
 
     for seed in range(4):
         pair = noise(seed + 20) + 1.5 * SIGNATURES["grade"].shift[1] + 1.3 * SIGNATURES["memory"].shift[1]
         found = pairs_of(pair)
         assert found is not None
         assert set(found.sure) == {"grade", "memory"}
+        assert pairs_of(pair, best_misfit=0.5 * SIZE) is None  # one of them alone fits
+        # a third thing is there that no pair explains, and neither takes away nine tenths
+        elsewhere = 6.0 * np.random.default_rng(seed).standard_normal(SIZE)
+        assert pairs_of(pair + elsewhere, exactness=0.1) is None
         strengths = dict(zip(found.best.names, found.best.strengths, strict=True))
         assert strengths["grade"] == pytest.approx(1.5 * effect_named("grade").medium, rel=0.35)
         assert strengths["memory"] == pytest.approx(1.3 * effect_named("memory").medium, rel=0.35)

@@ -76,7 +76,7 @@ def test_the_right_effect_overtakes_one_that_the_surrogate_favours():
     # against the surrogate's signature as it was, not as the first look has corrected it
     precision = np.linalg.inv(NULL.covariance)
     lengths = np.sqrt((WRONG @ precision @ WRONG) * (DIRECTION @ precision @ DIRECTION))
-    assert check.agreement == pytest.approx(WRONG @ precision @ DIRECTION / lengths, abs=0.1)
+    assert check.agreement == pytest.approx(WRONG @ precision @ DIRECTION / lengths, abs=0.02)
     assert checked.num_look_runs == NUM_RUNS
     assert checked.signatures["grade"] == signatures["grade"]
 
