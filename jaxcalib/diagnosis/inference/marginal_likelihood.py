@@ -120,7 +120,7 @@ def explain(
             value, square = log_density(difference - shift, covariance)
             values.append(value - np.log(len(tried)))
             squares.append(square)
-            strengths.append(signature.sign * (signature.strengths[-1] if signature.is_fixed else strength))
+            strengths.append(told_strength(signature, strength))
             numbers.append(number)
             shifts.append(shift)
     log_values = np.asarray(values)
@@ -130,16 +130,25 @@ def explain(
     strength = np.asarray(strengths)
     mean = float(posterior @ strength)
     winner = signatures[numbers[best]]
-    exactness = 0.0 if winner.is_fixed else float(np.mean(winner.exactness))  # rhythms and times are read off the log
     return Explained(
         name=signatures[0].effect,
         log_evidence=float(logsumexp(log_values) - np.log(max(num_places, len(signatures)))),
         strength=mean,
-        interval=interval_90(strength, posterior, exactness),
+        interval=interval_90(strength, posterior, open_form(winner)),
         setting=winner.setting,
         best_misfit=squares[best],
         shift=posterior @ np.asarray(shifts),
     )
+
+
+def told_strength(signature: Signature, strength: float) -> float:
+    """Return the strength that a signature stands for where it is judged at one, with its sign."""
+    return signature.sign * float(signature.strengths[-1] if signature.is_fixed else strength)
+
+
+def open_form(signature: Signature) -> float:
+    """Return how far the form of an effect is open: rhythms and times are read off the log."""
+    return 0.0 if signature.is_fixed else float(np.mean(signature.exactness))
 
 
 def interval_90(strength: np.ndarray, posterior: np.ndarray, exactness: float) -> tuple[float, float]:

@@ -6,7 +6,8 @@ all among the best few, both strengths together, with what both signatures may b
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
+from itertools import combinations, product
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import logsumexp
@@ -18,12 +19,15 @@ from jaxcalib.diagnosis.inference.marginal_likelihood import (
     TEMPERATURE,
     Explained,
     alike_errors,
+    interval_90,
     log_density,
     most_misfit,
     none_among,
+    open_form,
     predicted,
     signature_behind,
     strengths_of,
+    told_strength,
 )
 from jaxcalib.diagnosis.inference.verdict import ALONE, LEAST_EVIDENCE
 from surrogate.effects.registry import effect_named
@@ -39,6 +43,7 @@ class Pair:
     names: tuple[str, str]
     log_evidence: float  # logarithm of the marginal likelihood
     strengths: tuple[float, float]  # posterior means, with their signs
+    intervals: tuple[tuple[float, float], tuple[float, float]]  # their 90 % intervals
     shift: np.ndarray  # expected signature of both together, at the posterior
     misfit: float  # whitened squared misfit at the best strengths
 
@@ -73,11 +78,11 @@ def judge_pairs(
     if len(best) < 2 or min(each.best_misfit for each in best) <= enough:
         return None  # a second effect would soak up what the first one's signature has wrong
     alike = alike_errors(null)
-    predictions = {each.name: _predictions(signatures[each.name], each, alike) for each in best}
+    traces = {each.name: _traces(signatures[each.name], each, alike) for each in best}
     looked = {each.name: float(np.log(num_places.get(each.name, 1))) for each in best}
     pairs = []
     for one, other in combinations(best, 2):
-        pair = _judged(difference, null, (one.name, other.name), predictions)
+        pair = _judged(difference, null, (one.name, other.name), traces)
         pairs.append((pair.log_evidence - looked[one.name] - looked[other.name], pair))
     evidence = np.asarray([value for value, _ in pairs])
     at = int(np.argmax(evidence))
@@ -89,54 +94,61 @@ def judge_pairs(
     if chosen.misfit > max(enough, NEARLY_ALL * none_among(explained).best_misfit):
         return None
     share = np.exp(evidence / TEMPERATURE - np.logaddexp.reduce(evidence / TEMPERATURE))
-    believed = {name: sum(s for s, (_, p) in zip(share, pairs, strict=True) if name in p.names) for name in predictions}
+    believed = {name: sum(s for s, (_, p) in zip(share, pairs, strict=True) if name in p.names) for name in traces}
     sure = tuple(name for name in chosen.names if believed[name] >= ALONE)
     return Pairs(chosen, gain, sure if best[0].name in sure else ())
 
 
 def with_pair(explained: Sequence[Explained], pair: Pair) -> list[Explained]:
     """Return explanations with the strengths that a pair's two effects have beside each other."""
-    strengths = dict(zip(pair.names, pair.strengths, strict=True))
-    return [replace(each, strength=strengths.get(each.name, each.strength)) for each in explained]
+    told = dict(zip(pair.names, zip(pair.strengths, pair.intervals, strict=True), strict=True))
+    changed = []
+    for each in explained:
+        strength, interval = told.get(each.name, (each.strength, each.interval))
+        changed.append(replace(each, strength=strength, interval=interval))
+    return changed
 
 
-def _predictions(
-    several: Sequence[Signature], explanation: Explained, alike: np.ndarray
-) -> list[tuple[float, np.ndarray, np.ndarray]]:
-    """Strengths with signature and covariance of its error, at the place where the effect alone agrees best."""
+class _Trace(NamedTuple):
+    """An effect at a strength."""
+
+    strength: float  # as it is told
+    shift: np.ndarray  # its signature
+    uncertain: np.ndarray  # covariance of that one's error
+    open_form: float  # how far its form is open
+
+
+def _traces(several: Sequence[Signature], explanation: Explained, alike: np.ndarray) -> list[_Trace]:
+    """Return an effect at several strengths, at the place where it alone agrees best."""
     own = signature_behind(several, explanation)
     medium = effect_named(explanation.name).medium
-    chosen = [each for each in several if each.is_fixed] if own.is_fixed else [own]
-    predictions = []
-    for signature in chosen:
-        for strength in strengths_of(signature, medium)[:: 1 if own.is_fixed else EVERY_STRENGTH]:
-            predictions.append((signature.sign * float(strength), *predicted(signature, strength, alike)))
-    return predictions
+    return [
+        _Trace(told_strength(signature, strength), *predicted(signature, strength, alike), open_form(signature))
+        for signature in ([each for each in several if each.is_fixed] if own.is_fixed else [own])
+        for strength in strengths_of(signature, medium)[:: 1 if own.is_fixed else EVERY_STRENGTH]
+    ]
 
 
 def _judged(
-    difference: np.ndarray,
-    null: NullModel,
-    names: tuple[str, str],
-    predictions: Mapping[str, list[tuple[float, np.ndarray, np.ndarray]]],
+    difference: np.ndarray, null: NullModel, names: tuple[str, str], traces: Mapping[str, Sequence[_Trace]]
 ) -> Pair:
-    values, squares, strengths, shifts = [], [], [], []
-    for one, one_shift, one_error in predictions[names[0]]:
-        for other, other_shift, other_error in predictions[names[1]]:
-            shift = one_shift + other_shift
-            value, square = log_density(difference - shift, null.covariance + one_error + other_error)
-            values.append(value)
-            squares.append(square)
-            strengths.append((one, other))
-            shifts.append(shift)
-    log_values = np.asarray(values)
+    both = list(product(*(traces[name] for name in names)))
+    judged = [
+        log_density(difference - one.shift - other.shift, null.covariance + one.uncertain + other.uncertain)
+        for one, other in both
+    ]
+    log_values = np.asarray([value for value, _ in judged])
     tempered = log_values / TEMPERATURE
     posterior = np.exp(tempered - np.logaddexp.reduce(tempered))
-    first, second = posterior @ np.asarray(strengths)
+    best = int(np.argmax(log_values))
+    strengths = np.asarray([[trace.strength for trace in combined] for combined in both])
+    first, second = posterior @ strengths
+    low_high = [interval_90(strengths[:, place], posterior, both[best][place].open_form) for place in (0, 1)]
     return Pair(
-        names,
-        float(logsumexp(log_values) - np.log(len(values))),
-        (float(first), float(second)),
-        posterior @ np.asarray(shifts),
-        squares[int(np.argmax(log_values))],
+        names=names,
+        log_evidence=float(logsumexp(log_values) - np.log(len(both))),
+        strengths=(float(first), float(second)),
+        intervals=(low_high[0], low_high[1]),
+        shift=posterior @ np.asarray([one.shift + other.shift for one, other in both]),
+        misfit=judged[best][1],
     )

@@ -20,6 +20,7 @@ from jaxcalib.diagnosis.inference.marginal_likelihood import (
     NONE,
     TRACE_ERROR,
     UNKNOWN,
+    Explained,
     explain,
     explain_none,
     explain_unknown,
@@ -27,7 +28,7 @@ from jaxcalib.diagnosis.inference.marginal_likelihood import (
     interval_90,
     log_density,
 )
-from jaxcalib.diagnosis.inference.pairs import judge_pairs
+from jaxcalib.diagnosis.inference.pairs import judge_pairs, with_pair
 from jaxcalib.diagnosis.inference.ramp_inflow import explain_ramps
 from jaxcalib.diagnosis.inference.verdict import LEAST_EVIDENCE, Verdict, judge, probabilities
 from jaxcalib.diagnosis.inference.visibility import atlas_of
@@ -266,6 +267,11 @@ def test_two_effects_are_found_together_and_not_in_the_errors_of_one():
         strengths = dict(zip(found.best.names, found.best.strengths, strict=True))
         assert strengths["grade"] == pytest.approx(1.5 * effect_named("grade").medium, rel=0.35)
         assert strengths["memory"] == pytest.approx(1.3 * effect_named("memory").medium, rel=0.35)
+        told = {one.name: one for one in with_pair([Explained(name, 0.0) for name in SIGNATURES], found.best)}
+        for name in ("grade", "memory"):
+            assert told[name].strength == strengths[name]
+            assert told[name].interval[0] < told[name].strength < told[name].interval[1]
+        assert told["keep_right"] == Explained("keep_right", 0.0)
     found_in_one = 0
     for seed in range(20):
         wrong = 1.0 + 0.3 * np.random.default_rng(100 + seed).standard_normal(SIZE)
@@ -350,3 +356,21 @@ def test_an_interval_reaches_halfway_to_the_next_strength_and_as_far_as_traces_d
     assert negative == pytest.approx((-high, -low))
     spread = interval_90(strengths, np.asarray([0.2, 0.2, 0.2, 0.2, 0.2]), 0.0)
     assert spread == pytest.approx((0.125, 2.125))
+
+
+def test_a_rhythm_in_a_pair_is_told_as_it_beats():
+    """Half of the drivers act every 0.9 s: the trace is that rhythm's, weaker, and the strength is the rhythm's own."""
+    beat = [
+        replace(signature("reaction_delay", seed, 4.0), is_fixed=True, strengths=np.asarray([0.0, 0.5, 1.0]) * seconds)
+        for seed, seconds in ((11, 0.9), (12, 1.2))
+    ]
+    both = {"reaction_delay": beat, "memory": [in_own_unit("memory")]}
+    difference = noise(4) + 0.6 * beat[0].shift[2] + 2.0 * SIGNATURES["memory"].shift[1]
+    singles = [explain(difference, NULL, several, effect_named(name).medium) for name, several in both.items()]
+    singles = sorted(singles, key=lambda one: -one.log_evidence)
+    found = judge_pairs(difference, NULL, [*singles, explain_none(difference, NULL)], both, {})
+    assert found is not None
+    told = dict(zip(found.best.names, zip(found.best.strengths, found.best.intervals, strict=True), strict=True))
+    strength, (low, high) = told["reaction_delay"]
+    assert strength == pytest.approx(0.9, abs=0.02)
+    assert low <= strength <= high
