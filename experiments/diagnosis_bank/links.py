@@ -5,22 +5,22 @@ from contextlib import ExitStack, contextmanager
 from unittest.mock import patch
 
 from jaxcalib.diagnosis.features import noise
-from jaxcalib.diagnosis.inference import contest, marginal_likelihood, verdict
-from jaxcalib.diagnosis.stages import refitted, tried
+from jaxcalib.diagnosis.inference import contest, marginal_likelihood, pairs
+from jaxcalib.diagnosis.inference.overdispersion import LEAST_TEMPERATURE
+from jaxcalib.diagnosis.stages import judged, refitted, tried
 
 LINKS = {
     "cross_validation": [(contest, "cross_validated_gains", lambda *_: {})],
     "leave_one_out": [(contest.Contest, "least_gain", lambda self, signatures: float("inf"))],
-    "needless_unknown": [
-        (contest, "without_needless_unknown", lambda explained, num_features: list(explained)),
-        (refitted, "without_needless_unknown", lambda explained, num_features: list(explained)),
+    "tempering": [
+        (judged, "temperature", lambda explained, by_chance: LEAST_TEMPERATURE),
+        (pairs, "temperature_at", lambda misfit, by_chance: LEAST_TEMPERATURE),
     ],
-    "tempering": [(marginal_likelihood, "TEMPERATURE", 1.0), (verdict, "TEMPERATURE", 1.0)],
+    "squeezing": [(marginal_likelihood, "KNEE", 1e6)],
     "alike_errors": [(marginal_likelihood, "ERRORS_ALIKE", 0.0)],
     "heavy_tail": [(noise, "MOST_TAIL", 1.0)],
     "refit": [(refitted, "contenders", lambda explained, signatures, verdict: [])],
     "places": [(tried, "_refined", lambda session, baseline, book, found: found)],
-    "misfit": [(verdict, "most_misfit", lambda num_features: float("inf"))],
 }
 
 

@@ -9,14 +9,7 @@ from jaxcalib.diagnosis.features.features import DriveTallies
 from jaxcalib.diagnosis.features.signature import Signature
 from jaxcalib.diagnosis.inference.cross_validation import cross_validated_gains
 from jaxcalib.diagnosis.inference.investigation import NotTestableError, Prepared, explanations, moved, prepare
-from jaxcalib.diagnosis.inference.marginal_likelihood import (
-    NEARLY_ALL,
-    NONE,
-    UNKNOWN,
-    Explained,
-    most_misfit,
-    none_among,
-)
+from jaxcalib.diagnosis.inference.marginal_likelihood import NONE, Explained, none_among
 from jaxcalib.diagnosis.runs.null_runs import NullRuns
 from jaxcalib.problem.problem import CalibrationProblem
 
@@ -39,7 +32,7 @@ class Contest:
         """Return the explanations, best first: an effect's evidence counts as far as other drives confirm it."""
         gains = self._gains(signatures)
         judged = explanations(self.problem, self.values, self.fitted, signatures, self.num_places)
-        return without_needless_unknown(confirmed(judged, gains), len(self.fitted.null.cells))
+        return confirmed(judged, gains)
 
     def least_gain(self, signatures: Signatures) -> float:
         """Return the gain of the best explanation over the baseline when the drive that favours it most is left out.
@@ -60,7 +53,7 @@ class Contest:
                 for name, several in signatures.items()
             }
             explained = explanations(self.problem, self.values, some, there, self.num_places)
-            judged.append(best_gain(without_needless_unknown(confirmed(explained, gains), len(some.null.cells))))
+            judged.append(best_gain(confirmed(explained, gains)))
         return min(judged, default=0.0)
 
     def _gains(self, signatures: Signatures) -> dict[str, float]:
@@ -103,30 +96,6 @@ def confirmed(explained: Sequence[Explained], gains: Mapping[str, float]) -> lis
         if best is not None and support[explanation.name] > 0.0:
             counted = best.log_evidence - (support[best.name] - support[explanation.name])
         judged.append(replace(explanation, log_evidence=counted, cross_validated_gain=gains[explanation.name]))
-    return sorted(judged, key=lambda explanation: -explanation.log_evidence)
-
-
-def without_needless_unknown(explained: Sequence[Explained], num_features: int) -> list[Explained]:
-    """Return explanations without a case for unknown where a known effect will do.
-
-    That is where one effect takes away nearly all of the misfit, since shifts of any pattern fit a strong effect better
-    than its own signature, which is never exact to the last detail; and where the best effect has more evidence than
-    unknown and leaves no more than chance does.
-    """
-    none = none_among(explained)
-    best = next((explanation for explanation in explained if explanation.is_effect), None)
-    if best is None or best.log_evidence <= none.log_evidence:
-        return list(explained)
-    unknown = max(
-        (explanation.log_evidence for explanation in explained if explanation.name == UNKNOWN), default=-np.inf
-    )
-    fits_better = best.log_evidence > unknown and best.best_misfit <= most_misfit(num_features)
-    if not (fits_better or best.best_misfit <= NEARLY_ALL * none.best_misfit):
-        return list(explained)
-    judged = [
-        replace(explanation, log_evidence=none.log_evidence) if explanation.name == UNKNOWN else explanation
-        for explanation in explained
-    ]
     return sorted(judged, key=lambda explanation: -explanation.log_evidence)
 
 

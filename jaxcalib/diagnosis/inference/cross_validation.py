@@ -16,9 +16,11 @@ from jaxcalib.diagnosis.inference.investigation import NotTestableError, Prepare
 from jaxcalib.diagnosis.inference.marginal_likelihood import (
     alike_errors,
     explain,
+    knees_of,
     log_density,
     predicted,
     signature_behind,
+    squeezed,
 )
 from surrogate.effects.registry import effect_named
 
@@ -45,14 +47,16 @@ def cross_validated_gains(
         return {}
     gains = dict.fromkeys([name for name in names if name in signatures], 0.0)
     for fitted_half, other_half in (parts, parts[::-1]):
-        before = log_density(other_half.difference, other_half.null.covariance)[0]
+        knees = knees_of(other_half.null.cells)
+        judged = squeezed(other_half.difference, knees)
+        before = log_density(judged, other_half.null.covariance)[0]
         for name in gains:
             several = [moved(signature, fitted, fitted_half) for signature in signatures[name]]
             medium, places = effect_named(name).medium, num_places.get(name, 1)
             explained = explain(fitted_half.difference, fitted_half.null, several, medium, places)
             best = moved(signature_behind(several, explained), fitted_half, other_half)
             strength = best.strengths[-1] if best.is_fixed else abs(explained.strength)
-            shift, uncertain = predicted(best, strength, alike_errors(other_half.null))
+            shift, uncertain = predicted(best, strength, alike_errors(other_half.null), knees)
             covariance = other_half.null.covariance + uncertain
-            gains[name] += log_density(other_half.difference - shift, covariance)[0] - before
+            gains[name] += log_density(judged - shift, covariance)[0] - before
     return gains

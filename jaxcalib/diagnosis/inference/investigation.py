@@ -23,7 +23,9 @@ from jaxcalib.diagnosis.inference.marginal_likelihood import (
     explain_none,
     explain_unknown,
     groups_of,
+    knees_of,
     log_density,
+    squeezed,
 )
 from jaxcalib.diagnosis.inference.ramp_inflow import explain_ramps
 from jaxcalib.diagnosis.runs.null_runs import NullRuns
@@ -135,9 +137,11 @@ def gain_of(explanation: Explained, held_out: Prepared, fitted: Prepared) -> flo
     if explanation.shift is None:
         return None
     shift = transfer(explanation.shift, fitted.null, held_out.null)
-    before, _ = log_density(held_out.difference, held_out.null.covariance)
+    knees = knees_of(held_out.null.cells)
+    judged, shift = squeezed(held_out.difference, knees), squeezed(shift, knees)
+    before, _ = log_density(judged, held_out.null.covariance)
     extra = np.diag((0.5 * shift) ** 2)
-    after, _ = log_density(held_out.difference - shift, held_out.null.covariance + extra)
+    after, _ = log_density(judged - shift, held_out.null.covariance + extra)
     return (after - before) / len(held_out.tallies)
 
 

@@ -4,8 +4,13 @@ All differences are in units of the field's noise. Under an explanation of stren
 baseline is normal around the effect's signature m(s), with the null's covariance, plus what the surrogate may get
 wrong of the signature: a share of its size in each feature, and the error of the runs it was measured with.
 
+Large differences count by their logarithm. What a feature that hardly varies without an effect does at fifty times its
+noise no signature tells, for it is far from linear there in parameters and strength, and one such feature would outvote
+all others. Identities hold whoever drives, and count as they are.
+
 Source: marginal likelihood for a linear model with normal nuisance parameters, e.g. Kass & Raftery (1995), JASA 90;
-the discrepancy as a term of the covariance: Kennedy & O'Hagan (2001), J. R. Stat. Soc. B 63.
+the discrepancy as a term of the covariance: Kennedy & O'Hagan (2001), J. R. Stat. Soc. B 63; the inverse hyperbolic
+sine, linear at 0 and logarithmic far from it: Johnson (1949), Biometrika 36, eq. 22.
 """
 
 from collections.abc import Mapping, Sequence
@@ -14,14 +19,14 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 from scipy.special import logsumexp
-from scipy.stats import chi2
 
-from jaxcalib.diagnosis.features.features import Cell
+from jaxcalib.diagnosis.features.features import Cell, Channel
 from jaxcalib.diagnosis.features.noise import NullModel
 from jaxcalib.diagnosis.features.signature import Signature
 from jaxcalib.statistics.normal import HALF_WIDTH_90
 
 SIGNATURE_ERROR = 0.5  # of a signature's size in a feature; see docs/diagnosis.md for how it was measured
+KNEE = 5.0  # in units of noise: from there on differences count by their logarithm
 ERRORS_ALIKE = 0.5  # share of a signature's error that is alike in features whose noise is alike
 MOST_STRENGTH = 1.15  # of strong; beyond it a signature is not extrapolated
 # Explanations and strengths are told apart by the shape of signatures that a surrogate made; its errors are alike in
@@ -34,10 +39,6 @@ UNKNOWN_SIZES = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0)
 # What the road shows of an effect is not what the simulator does: logarithm of strengths told to true ones (root mean
 # square over the twelve effects that were named in docs/diagnosis.md and whose signatures are the surrogate's: 0.38).
 TRACE_ERROR = 0.4
-# An explanation fits if chance leaves as large a squared misfit in one of a hundred cases; the noise model is on the
-# safe side, so that sets of null runs and right explanations leave about half of what it expects.
-CHANCE_OF_MISFIT = 0.01
-NEARLY_ALL = 0.1  # what may be left of a misfit that counts as explained: strong effects leave details
 NONE, UNKNOWN = "none", "unknown"
 
 
@@ -80,18 +81,30 @@ def log_density(difference: np.ndarray, covariance: np.ndarray) -> tuple[float, 
     return -0.5 * (square + log_determinant + len(difference) * np.log(2 * np.pi)), square
 
 
+def knees_of(cells: Sequence[Cell]) -> np.ndarray:
+    """Return from where on, in units of noise, differences of each feature count by their logarithm."""
+    return np.asarray([np.inf if cell.channel == Channel.IDENTITY else KNEE for cell in cells])
+
+
+def squeezed(difference: np.ndarray, knees: np.ndarray) -> np.ndarray:
+    """Return differences in units of noise as they are judged."""
+    bent = np.isfinite(knees)
+    knee = np.where(bent, knees, 1.0)
+    return np.where(bent, knee * np.arcsinh(difference / knee), difference)
+
+
 def explain_none(difference: np.ndarray, null: NullModel) -> Explained:
     """Evidence of the baseline alone."""
-    value, square = log_density(difference, null.covariance)
+    value, square = log_density(squeezed(difference, knees_of(null.cells)), null.covariance)
     return Explained(NONE, value, best_misfit=square)
 
 
 def explain_unknown(difference: np.ndarray, null: NullModel, groups: Sequence[np.ndarray]) -> Explained:
     """Evidence of something that shifts features of one group, or of all, in no known pattern."""
-    values, squares = [], []
+    values, squares, judged = [], [], squeezed(difference, knees_of(null.cells))
     for group in groups:
         for size in UNKNOWN_SIZES:
-            value, square = log_density(difference, null.covariance + np.diag(group * size**2))
+            value, square = log_density(judged, null.covariance + np.diag(group * size**2))
             values.append(value)
             squares.append(square)
     return Explained(UNKNOWN, float(logsumexp(values) - np.log(len(values))), best_misfit=float(min(squares)))
@@ -109,20 +122,21 @@ def explain(
         medium: its medium strength, on whose scale strengths are equally likely.
         num_places: how many places and times were looked at to find the signatures' ones: looking costs.
     """
-    alike = alike_errors(null)
+    alike, knees = alike_errors(null), knees_of(null.cells)
+    judged = squeezed(difference, knees)
     values, squares, strengths, numbers = [], [], [], []
     shifts = []
     for number, signature in enumerate(signatures):
         tried = strengths_of(signature, medium)
         for strength in tried:
-            shift, uncertain = predicted(signature, strength, alike)
+            shift, uncertain = predicted(signature, strength, alike, knees)
             covariance = null.covariance + uncertain
-            value, square = log_density(difference - shift, covariance)
+            value, square = log_density(judged - shift, covariance)
             values.append(value - np.log(len(tried)))
             squares.append(square)
             strengths.append(told_strength(signature, strength))
             numbers.append(number)
-            shifts.append(shift)
+            shifts.append(signature.at(strength)[0])
     log_values = np.asarray(values)
     tempered = log_values / TEMPERATURE
     posterior = np.exp(tempered - np.logaddexp.reduce(tempered))
@@ -168,11 +182,6 @@ def interval_90(strength: np.ndarray, posterior: np.ndarray, exactness: float) -
     return float(outwards[0]), float(outwards[1])
 
 
-def most_misfit(num_features: int) -> float:
-    """Return the largest squared misfit of an explanation that fits."""
-    return float(chi2.isf(CHANCE_OF_MISFIT, num_features))
-
-
 def alike_errors(null: NullModel) -> np.ndarray:
     """Return the correlations of what a signature may be wrong by."""
     deviation = np.sqrt(np.diag(null.noise))
@@ -188,11 +197,21 @@ def strengths_of(signature: Signature, medium: float) -> np.ndarray:
     return tried[tried <= MOST_STRENGTH * max(signature.strengths[-1], medium)]
 
 
-def predicted(signature: Signature, strength: float, alike: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Prediction of a signature at a strength, and the covariance of its error."""
+def predicted(
+    signature: Signature, strength: float, alike: np.ndarray, knees: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Prediction of a signature at a strength, as it is judged, and the covariance of its error."""
     shift, error = signature.at(strength)
-    wrong = SIGNATURE_ERROR * signature.exactness * shift
-    return shift, np.outer(wrong, wrong) * alike + np.diag(error**2)
+    return squeezed(shift, knees), uncertainty(signature, shift, error, alike, knees)
+
+
+def uncertainty(
+    signature: Signature, shift: np.ndarray, error: np.ndarray, alike: np.ndarray, knees: np.ndarray
+) -> np.ndarray:
+    """Covariance of what a shift that a signature predicts may be wrong by, as it is judged."""
+    wrong = SIGNATURE_ERROR * signature.exactness * squeezed(shift, knees)
+    steepness = 1.0 / np.hypot(1.0, shift / knees)
+    return np.outer(wrong, wrong) * alike + np.diag((steepness * error) ** 2)
 
 
 def signature_behind(several: Sequence[Signature], explanation: Explained) -> Signature:

@@ -15,20 +15,21 @@ from scipy.special import logsumexp
 from jaxcalib.diagnosis.features.noise import NullModel
 from jaxcalib.diagnosis.features.signature import Signature
 from jaxcalib.diagnosis.inference.marginal_likelihood import (
-    NEARLY_ALL,
     TEMPERATURE,
+    UNKNOWN,
     Explained,
     alike_errors,
     interval_90,
+    knees_of,
     log_density,
-    most_misfit,
-    none_among,
     open_form,
-    predicted,
     signature_behind,
+    squeezed,
     strengths_of,
     told_strength,
+    uncertainty,
 )
+from jaxcalib.diagnosis.inference.overdispersion import temperature_at
 from jaxcalib.diagnosis.inference.verdict import ALONE, LEAST_EVIDENCE
 from surrogate.effects.registry import effect_named
 
@@ -53,7 +54,7 @@ class Pairs:
     """The best pair, and what it tells of its two effects."""
 
     best: Pair
-    gain: float  # log evidence of the best pair above that of the best single effect
+    gain: float  # log evidence of the best pair above that of the best single explanation
     sure: tuple[str, ...]  # its effects that are in most of what pairs believe
 
 
@@ -63,8 +64,9 @@ def judge_pairs(
     explained: Sequence[Explained],
     signatures: Mapping[str, Sequence[Signature]],
     num_places: Mapping[str, int],
+    by_chance: float,
 ) -> Pairs | None:
-    """Return the pairs where no single effect fits and a pair does, and explains far more; None otherwise.
+    """Return the pairs where one explains far more than any single effect, or something unknown, does; None otherwise.
 
     Args:
         difference: the drives' features less the baseline's, in units of noise.
@@ -72,13 +74,13 @@ def judge_pairs(
         explained: single explanations, best first.
         signatures: of all effects.
         num_places: how many places and times were looked at for each local effect.
+        by_chance: squared misfit that chance leaves.
     """
     best = [each for each in explained if each.is_effect and each.name in signatures][:AMONG_BEST]
-    enough = most_misfit(len(difference))
-    if len(best) < 2 or min(each.best_misfit for each in best) <= enough:
-        return None  # a second effect would soak up what the first one's signature has wrong
-    alike = alike_errors(null)
-    traces = {each.name: _traces(signatures[each.name], each, alike) for each in best}
+    if len(best) < 2:
+        return None
+    alike, knees = alike_errors(null), knees_of(null.cells)
+    traces = {each.name: _traces(signatures[each.name], each, alike, knees) for each in best}
     looked = {each.name: float(np.log(num_places.get(each.name, 1))) for each in best}
     pairs = []
     for one, other in combinations(best, 2):
@@ -86,14 +88,13 @@ def judge_pairs(
         pairs.append((pair.log_evidence - looked[one.name] - looked[other.name], pair))
     evidence = np.asarray([value for value, _ in pairs])
     at = int(np.argmax(evidence))
-    gain = float(evidence[at]) - max(each.log_evidence for each in best)
-    # Between explanations evidence counts a part only, and each of the others had its chance.
-    if gain / TEMPERATURE - np.log(len(pairs)) < LEAST_EVIDENCE:
-        return None
+    rivals = {UNKNOWN, *traces}
+    gain = float(evidence[at]) - max(each.log_evidence for each in explained if each.name in rivals)
     chosen = pairs[at][1]
-    if chosen.misfit > max(enough, NEARLY_ALL * none_among(explained).best_misfit):
+    temperature = temperature_at(chosen.misfit, by_chance)
+    if gain / temperature - np.log(len(pairs)) < LEAST_EVIDENCE:  # each of the others had its chance
         return None
-    share = np.exp(evidence / TEMPERATURE - np.logaddexp.reduce(evidence / TEMPERATURE))
+    share = np.exp(evidence / temperature - np.logaddexp.reduce(evidence / temperature))
     believed = {name: sum(s for s, (_, p) in zip(share, pairs, strict=True) if name in p.names) for name in traces}
     sure = tuple(name for name in chosen.names if believed[name] >= ALONE)
     return Pairs(chosen, gain, sure if best[0].name in sure else ())
@@ -113,28 +114,36 @@ class _Trace(NamedTuple):
     """An effect at a strength."""
 
     strength: float  # as it is told
-    shift: np.ndarray  # its signature
+    shift: np.ndarray  # its signature, in units of noise
     uncertain: np.ndarray  # covariance of that one's error
     open_form: float  # how far its form is open
 
 
-def _traces(several: Sequence[Signature], explanation: Explained, alike: np.ndarray) -> list[_Trace]:
+def _traces(several: Sequence[Signature], explanation: Explained, alike: np.ndarray, knees: np.ndarray) -> list[_Trace]:
     """Return an effect at several strengths, at the place where it alone agrees best."""
     own = signature_behind(several, explanation)
     medium = effect_named(explanation.name).medium
     return [
-        _Trace(told_strength(signature, strength), *predicted(signature, strength, alike), open_form(signature))
+        _trace(signature, strength, alike, knees)
         for signature in ([each for each in several if each.is_fixed] if own.is_fixed else [own])
         for strength in strengths_of(signature, medium)[:: 1 if own.is_fixed else EVERY_STRENGTH]
     ]
+
+
+def _trace(signature: Signature, strength: float, alike: np.ndarray, knees: np.ndarray) -> _Trace:
+    shift, error = signature.at(strength)
+    uncertain = uncertainty(signature, shift, error, alike, knees)
+    return _Trace(told_strength(signature, strength), shift, uncertain, open_form(signature))
 
 
 def _judged(
     difference: np.ndarray, null: NullModel, names: tuple[str, str], traces: Mapping[str, Sequence[_Trace]]
 ) -> Pair:
     both = list(product(*(traces[name] for name in names)))
+    knees = knees_of(null.cells)
+    seen = squeezed(difference, knees)
     judged = [
-        log_density(difference - one.shift - other.shift, null.covariance + one.uncertain + other.uncertain)
+        log_density(seen - squeezed(one.shift + other.shift, knees), null.covariance + one.uncertain + other.uncertain)
         for one, other in both
     ]
     log_values = np.asarray([value for value, _ in judged])

@@ -15,6 +15,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.stats import chi2
 
 from jaxcalib.diagnosis.features.noise import NullModel
 from jaxcalib.diagnosis.features.signature import Signature
@@ -26,7 +27,6 @@ from jaxcalib.diagnosis.inference.marginal_likelihood import (
     TRACE_ERROR,
     Explained,
     alike_errors,
-    most_misfit,
     signature_behind,
 )
 from jaxcalib.diagnosis.inference.sumo_check import CHECKED_EXACTNESS
@@ -38,6 +38,7 @@ MOST_SURROGATE_POINTS = 8
 MOST_SUMO_POINTS, OTHERS_SUMO_POINTS = 4, 2  # of the best explanation, and of those close behind it
 PRIOR_SHARE = 0.7  # of the contest's strength: how far it may be off
 LEAST_SHARE = 0.3  # of the contest's strength
+CHANCE_OF_MISFIT = 0.01  # a fit is good if chance leaves as large a squared misfit in one of a hundred cases
 TANGENT_SHARE = 0.25  # of the strength: over which the change with strength is measured
 
 
@@ -252,6 +253,11 @@ def _interval_90(
         least, greatest = sorted(course.signature.sign * bound for bound in best.interval)
         low, high = max(min(least, strength - half), 0.0), max(greatest, strength + half)
     return float(low), float(high)
+
+
+def most_misfit(num_features: int) -> float:
+    """Return the largest squared misfit of a good fit."""
+    return float(chi2.isf(CHANCE_OF_MISFIT, num_features))
 
 
 def tangent_of(signature: Signature, strength: float) -> np.ndarray:

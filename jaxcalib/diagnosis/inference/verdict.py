@@ -5,15 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jaxcalib.diagnosis.inference.marginal_likelihood import (
-    NEARLY_ALL,
-    NONE,
-    TEMPERATURE,
-    UNKNOWN,
-    Explained,
-    most_misfit,
-    none_among,
-)
+from jaxcalib.diagnosis.inference.marginal_likelihood import NONE, UNKNOWN, Explained, none_among
 
 # No simulation lacks nothing: that none of 22 effects is there at any strength is not the likeliest thing beforehand.
 # An answer other than none needs the evidence below whatever these say; they decide how sure the ranking is of none.
@@ -26,8 +18,7 @@ ALONE = 0.8  # no more than one in five effects named alone may be a wrong one
 IN_SET = 0.9
 LARGEST_SET = 3
 MISCALIBRATED_ERRORS = 3.0
-WORTH_NAMING = 0.05  # of the most likely effect's probability
-UNFIT_SHARE = 0.9  # of an effect's probability that goes to unknown where none leaves as little as noise does
+WORTH_NAMING = 0.5  # of the probability of all that may be missing: a set that has less says nothing
 
 
 @dataclass(frozen=True)
@@ -40,8 +31,8 @@ class Verdict:
     reason: str  # one line for people
 
 
-def probabilities(explained: Sequence[Explained], least_gain: float) -> dict[str, float]:
-    """Return the probability of each explanation, none and unknown among them; for the least gain see `judge`."""
+def probabilities(explained: Sequence[Explained], least_gain: float, temperature: float) -> dict[str, float]:
+    """Return the probability of each explanation, none and unknown among them; for the numbers see `judge`."""
     names = [explanation.name for explanation in explained]
     none = explained[names.index(NONE)].log_evidence
     num_effects = max(len(names) - 2, 1)
@@ -58,7 +49,7 @@ def probabilities(explained: Sequence[Explained], least_gain: float) -> dict[str
     # whether there is something is judged untempered, but on what no single drive makes
     total = float(np.logaddexp.reduce(something)) - max(float(gain_of.max()) - least_gain, 0.0)
     share_of_none = 1.0 / (1.0 + np.exp(np.clip(total - np.log(PRIOR_NONE), -700, 700)))
-    tempered = np.log(prior_of) + gain_of / TEMPERATURE
+    tempered = np.log(prior_of) + gain_of / temperature
     share = np.exp(tempered - np.logaddexp.reduce(tempered))
     values = np.zeros(len(names))
     values[is_none] = share_of_none
@@ -69,7 +60,7 @@ def probabilities(explained: Sequence[Explained], least_gain: float) -> dict[str
 def judge(
     explained: Sequence[Explained],
     least_gain: float,
-    num_features: int,
+    temperature: float,
     shift_errors: float,
     few_drives: bool,
     aliased: Collection[str] = (),
@@ -80,13 +71,13 @@ def judge(
     Args:
         explained: all explanations.
         least_gain: gain of the best of them over the baseline that no single drive makes.
-        num_features: behind the misfits.
+        temperature: what evidence between explanations is divided by (see `overdispersion`).
         shift_errors: by how many of its errors the calibration moved the parameters away from the scenario's.
         few_drives: whether there are too few drives to name one effect: the next likely one is named with it.
         aliased: effects that these drives cannot tell apart; one of them is not named without another.
         sure_of_pair: effects that are surely there where two effects explain more than one does; None where not.
     """
-    probability = probabilities(explained, least_gain)
+    probability = probabilities(explained, least_gain, temperature)
     none = none_among(explained)
     best_gain = max(explanation.log_evidence for explanation in explained if explanation.name != NONE)
     best_gain -= none.log_evidence
@@ -104,10 +95,6 @@ def judge(
         return _verdict_of_pair(sure_of_pair, probability)
     if probability[UNKNOWN] > sum(probability[explanation.name] for explanation in effects):
         return Verdict("unknown", (), probability, "Something is missing that is none of the known effects.")
-    misfit = min(_misfit(explanation, none) for explanation in effects if _is_named(explanation, probability))
-    if misfit > max(most_misfit(num_features), NEARLY_ALL * none.best_misfit):
-        reason = "Something is missing, and no known effect explains it down to noise."
-        return Verdict("unknown", (), _with_unknown_first(probability), reason)
     chosen: list[str] = []
     total = 0.0
     among = sum(probability[explanation.name] for explanation in effects)
@@ -118,6 +105,8 @@ def judge(
         total += probability[explanation.name] / among
         if total >= (IN_SET if len(chosen) > 1 else ALONE):
             break
+    if sum(probability[name] for name in chosen) < WORTH_NAMING * (1.0 - probability[NONE]):
+        return Verdict("unknown", (), probability, "Something is missing, and these drives do not tell what.")
     if len(chosen) == 1 and (few_drives or chosen[0] in aliased):
         others = [explanation.name for explanation in effects[1:] if few_drives or explanation.name in aliased]
         chosen += others[:1]
@@ -133,21 +122,3 @@ def _verdict_of_pair(sure: tuple[str, ...], probability: Mapping[str, float]) ->
     if len(sure) == 1:
         return Verdict("effect", sure, told, "This effect is there, and another one that these drives leave open.")
     return Verdict("pair", sure, told, "Two effects together explain the gap; neither does alone.")
-
-
-def _is_named(explanation: Explained, probability: Mapping[str, float]) -> bool:
-    """Whether an effect is likely enough to be the answer, or part of it."""
-    best = max(value for name, value in probability.items() if name not in (NONE, UNKNOWN))
-    return probability[explanation.name] >= WORTH_NAMING * best
-
-
-def _misfit(explanation: Explained, none: Explained) -> float:
-    """Return the squared misfit that an explanation leaves; an inflow's error leaves the baseline's."""
-    return explanation.best_misfit if np.isfinite(explanation.best_misfit) else none.best_misfit
-
-
-def _with_unknown_first(probability: Mapping[str, float]) -> dict[str, float]:
-    """Return probabilities in which unknown takes what effects have that do not fit."""
-    effects = sum(value for name, value in probability.items() if name not in (NONE, UNKNOWN))
-    scaled = {name: value if name == NONE else (1.0 - UNFIT_SHARE) * value for name, value in probability.items()}
-    return scaled | {UNKNOWN: probability[UNKNOWN] + UNFIT_SHARE * effects}

@@ -13,7 +13,15 @@ from scipy.special import logsumexp
 
 from jaxcalib.diagnosis.features.noise import NullModel
 from jaxcalib.diagnosis.features.signature import Signature
-from jaxcalib.diagnosis.inference.marginal_likelihood import TRACE_ERROR, alike_errors, predicted, strengths_of
+from jaxcalib.diagnosis.inference.marginal_likelihood import (
+    TRACE_ERROR,
+    alike_errors,
+    knees_of,
+    predicted,
+    squeezed,
+    strengths_of,
+    uncertainty,
+)
 from jaxcalib.diagnosis.inference.verdict import LEAST_EVIDENCE
 from surrogate.effects.registry import effect_named
 
@@ -23,6 +31,7 @@ STRONGEST, WEAKEST = 2.0, 0.02  # strengths that are looked at, in units of the 
 HALVINGS = 7  # of the ratio between the two: to 4 %
 MORE_DRIVES = 3
 ALIKE = 0.8
+TINY = 1e-9  # features that stay as they are have no chance of their own
 
 
 @dataclass(frozen=True)
@@ -44,8 +53,8 @@ def atlas_of(
 ) -> dict[str, AtlasEntry]:
     """Return the atlas; of local effects and rhythms the strongest signature speaks for the rest."""
     precision, raw = np.linalg.inv(null.covariance), np.linalg.inv(null.noise)
-    by_chance, alike_error = raw * null.noise, alike_errors(null)
-    random = np.random.default_rng(0).standard_normal((len(precision) + 1, NUM_FIELDS))
+    by_chance, alike_error, knees = raw * null.noise, alike_errors(null), knees_of(null.cells)
+    random = np.random.default_rng(0).standard_normal((2 * len(precision) + 1, NUM_FIELDS))
 
     def slope(signature: Signature) -> float:
         return float(signature.shift[-1] @ precision @ signature.shift[-1]) / signature.strengths[-1]
@@ -67,7 +76,15 @@ def atlas_of(
         now, with_more = (
             _visible_from(
                 [
-                    _Judge(each, medium, share * null.covariance, alike_error, cost, _true_shares(each, raw, by_chance))
+                    _Judge(
+                        each,
+                        medium,
+                        share * null.covariance,
+                        alike_error,
+                        knees,
+                        cost,
+                        _true_shares(each, raw, by_chance),
+                    )
                     for each in (signatures[name] if strongest.is_fixed else [strongest])
                 ],
                 random,
@@ -92,6 +109,7 @@ class _Judge:
         medium: float,
         covariance: np.ndarray,
         alike: np.ndarray,
+        knees: np.ndarray,
         cost: float,
         true_shares: list[float],
     ) -> None:
@@ -102,33 +120,36 @@ class _Judge:
             medium: its medium strength.
             covariance: of the null.
             alike: correlations of what a signature may be wrong by.
+            knees: from where on differences count by their logarithm.
             cost: of the places and times that were looked at, in log evidence.
             true_shares: what of the signature is no chance of its runs, at each known strength but 0.
         """
         self.strengths = signature.strengths
         self.is_fixed = signature.is_fixed
-        self._signature, self._covariance, self._alike = signature, covariance, alike
+        self._signature, self._alike, self._knees = signature, alike, knees
         self._cost, self._true_shares = cost, true_shares
         self._none = np.linalg.cholesky(covariance)
         self._explanations = []
         for strength in strengths_of(signature, medium):
-            shift, uncertain = predicted(signature, strength, alike)
+            shift, uncertain = predicted(signature, strength, alike, knees)
             self._explanations.append((shift, np.linalg.cholesky(covariance + uncertain)))
 
     def power(self, strength: float, random: np.ndarray) -> float:
         """Return the share of fields with the effect whose evidence for it suffices.
 
-        Random are standard normal numbers, [feature, field]; the last row says how strong the traces are.
+        Random are standard normal numbers, [2 features and 1, field]: one half makes chance, the other what traces are
+        unlike their signature, and the last row says how strong they are.
         """
         known = self.strengths[1:]
         not_true = 1.0 - np.interp(strength, known, self._true_shares)
-        uncertain = predicted(self._signature, strength, self._alike)[1] - np.diag(
-            not_true * self._signature.at(strength)[1] ** 2
-        )
+        expected, error = self._signature.at(strength)
+        uncertain = uncertainty(self._signature, expected, np.sqrt(1.0 - not_true) * error, self._alike, self._knees)
         shown = strength * np.exp(TRACE_ERROR * np.mean(self._signature.exactness) * random[-1])
         true = np.interp(shown, known, self._true_shares)
         shift = true * np.stack([self._signature.at(each)[0] for each in shown], axis=1)
-        fields = shift + np.linalg.cholesky(self._covariance + uncertain) @ random[:-1]
+        chance, unlike = np.split(random[:-1], 2)
+        traces = np.linalg.cholesky(uncertain + TINY * np.eye(len(uncertain))) @ unlike
+        fields = squeezed(shift + self._none @ chance, self._knees[:, None]) + traces
         values = [_log_density(fields - at[:, None], root) for at, root in self._explanations]
         gain = logsumexp(values, axis=0) - np.log(len(values)) - self._cost - _log_density(fields, self._none)
         return float(np.mean(gain >= LEAST_EVIDENCE))

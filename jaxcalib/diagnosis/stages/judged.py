@@ -9,6 +9,7 @@ from jaxcalib.diagnosis.inference.baseline import Baseline
 from jaxcalib.diagnosis.inference.contest import Contest, best_gain
 from jaxcalib.diagnosis.inference.investigation import NotTestableError, Prepared, prepare, shift_in_errors
 from jaxcalib.diagnosis.inference.marginal_likelihood import Explained
+from jaxcalib.diagnosis.inference.overdispersion import misfit_by_chance, temperature
 from jaxcalib.diagnosis.inference.pairs import Pairs, judge_pairs
 from jaxcalib.diagnosis.inference.sumo_check import Checked
 from jaxcalib.diagnosis.inference.verdict import LEAST_EVIDENCE, Verdict, judge
@@ -20,7 +21,7 @@ class Grounds:
     """What a verdict rests on beside the explanations."""
 
     least_gain: float  # gain of the best explanation over the baseline that no single drive makes
-    num_features: int  # behind the misfits
+    by_chance: float  # squared misfit that chance leaves
     shift_errors: float  # by how many of its errors the calibration moved the parameters away from the scenario's
     few_drives: bool  # whether there are too few drives to name one effect
     aliased: tuple[str, ...]  # effects that these drives cannot tell apart
@@ -30,7 +31,13 @@ class Grounds:
         """The verdict on explanations."""
         sure = None if self.pairs is None else self.pairs.sure
         return judge(
-            explained, self.least_gain, self.num_features, self.shift_errors, self.few_drives, self.aliased, sure
+            explained,
+            self.least_gain,
+            temperature(explained, self.by_chance),
+            self.shift_errors,
+            self.few_drives,
+            self.aliased,
+            sure,
         )
 
 
@@ -49,17 +56,24 @@ def judge_drives(session: DiagnosisSession, baseline: Baseline, contest: Contest
     problem, is_fit, fitted = session.problem, session.is_fit, baseline.fitted
     with session.stopwatch.time("evidence"):
         gain, pairs = best_gain(checked.explained), None
+        by_chance = misfit_by_chance(baseline.runs.plain, fitted.null, int(is_fit.sum()))
         if gain > LEAST_EVIDENCE and is_fit.sum() > 1:
             gain = min(gain, contest.least_gain(checked.signatures))
-            null, places = fitted.null, contest.num_places
-            pairs = judge_pairs(fitted.difference, null, checked.explained, checked.signatures, places)
+            pairs = judge_pairs(
+                fitted.difference,
+                fitted.null,
+                checked.explained,
+                checked.signatures,
+                contest.num_places,
+                by_chance,
+            )
         held_out = None
         if not is_fit.all():
             with contextlib.suppress(NotTestableError):
                 held_out = prepare(problem, baseline.field.take(~is_fit), baseline.runs, baseline.trials)
         grounds = Grounds(
             least_gain=gain,
-            num_features=len(fitted.null.cells),
+            by_chance=by_chance,
             shift_errors=shift_in_errors(problem, baseline.values, fitted),
             few_drives=int(is_fit.sum()) < FEW_DRIVES,
             aliased=aliased_effects(problem),

@@ -4,9 +4,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from jaxcalib.diagnosis.inference.baseline import Baseline
-from jaxcalib.diagnosis.inference.contest import without_needless_unknown
-from jaxcalib.diagnosis.inference.marginal_likelihood import Explained, most_misfit
-from jaxcalib.diagnosis.inference.refit import MOST_SUMO_POINTS, OTHERS_SUMO_POINTS, Refit, refit
+from jaxcalib.diagnosis.inference.marginal_likelihood import Explained
+from jaxcalib.diagnosis.inference.refit import MOST_SUMO_POINTS, OTHERS_SUMO_POINTS, Refit, most_misfit, refit
 from jaxcalib.diagnosis.inference.refitted_contest import contenders, with_refits
 from jaxcalib.diagnosis.inference.sumo_check import Checked
 from jaxcalib.diagnosis.inference.verdict import Verdict
@@ -47,8 +46,7 @@ def refit_best(
     with session.stopwatch.time("refit"):
         chosen = contenders(checked.explained, checked.signatures, judged.verdict)
         refits = _refits(baseline, checked, chosen, _runner(session, calibrated, baseline, book))
-        num_features = judged.grounds.num_features
-        explained = without_needless_unknown(with_refits(checked.explained, refits), num_features)
+        explained = with_refits(checked.explained, refits)
         return Refitted(explained, judged.grounds.verdict_on(explained), refits)
 
 

@@ -8,7 +8,7 @@ import pytest
 from jaxcalib.diagnosis.features.features import DriveTallies
 from jaxcalib.diagnosis.features.signature import Signature
 from jaxcalib.diagnosis.inference.atlas import Slopes
-from jaxcalib.diagnosis.inference.contest import best_gain, confirmed, without_needless_unknown
+from jaxcalib.diagnosis.inference.contest import best_gain, confirmed
 from jaxcalib.diagnosis.inference.cross_validation import cross_validated_gains
 from jaxcalib.diagnosis.inference.investigation import Prepared
 from jaxcalib.diagnosis.inference.marginal_likelihood import NONE, UNKNOWN, Explained
@@ -81,32 +81,3 @@ def test_evidence_counts_as_far_as_it_is_confirmed():
     assert [one.name for one in judged][:2] == ["memory", "keep_right"]
     assert best_gain(judged) == pytest.approx(40.0)
     assert confirmed(found, {}) == sorted(found, key=lambda one: -one.log_evidence)
-
-
-def test_unknown_has_no_case_where_an_effect_explains_nearly_all():
-    def judged(misfit: float) -> dict[str, float]:
-        found = [
-            Explained(UNKNOWN, 900.0, best_misfit=40.0),
-            Explained("memory", 800.0, 0.5, best_misfit=misfit),
-            Explained(NONE, 100.0, best_misfit=2000.0),
-        ]
-        return {one.name: one.log_evidence for one in without_needless_unknown(found, 40)}
-
-    assert judged(150.0) == {"memory": 800.0, UNKNOWN: 100.0, NONE: 100.0}
-    assert judged(450.0)[UNKNOWN] == 900.0
-    nothing = [Explained(NONE, 100.0, best_misfit=80.0), Explained("memory", 99.0, 0.1, best_misfit=5.0)]
-    assert without_needless_unknown(nothing, 40) == nothing
-
-
-def test_unknown_has_no_case_where_an_effect_with_more_evidence_fits_as_well_as_chance_does():
-    def judged(evidence: float, misfit: float) -> dict[str, float]:
-        found = [
-            Explained("memory", evidence, 0.5, best_misfit=misfit),
-            Explained(UNKNOWN, 110.0, best_misfit=20.0),
-            Explained(NONE, 100.0, best_misfit=90.0),
-        ]
-        return {one.name: one.log_evidence for one in without_needless_unknown(found, 40)}
-
-    assert judged(115.0, 55.0)[UNKNOWN] == 100.0
-    assert judged(115.0, 80.0)[UNKNOWN] == 110.0  # chance leaves more than 63.7 in one of a hundred
-    assert judged(108.0, 55.0)[UNKNOWN] == 110.0

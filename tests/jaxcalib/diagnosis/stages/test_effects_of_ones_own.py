@@ -26,6 +26,7 @@ from jaxcalib.diagnosis.inference.atlas import parameter_trials
 from jaxcalib.diagnosis.inference.baseline import Baseline
 from jaxcalib.diagnosis.inference.contest import best_gain
 from jaxcalib.diagnosis.inference.investigation import prepare
+from jaxcalib.diagnosis.inference.overdispersion import LEAST_TEMPERATURE
 from jaxcalib.diagnosis.inference.verdict import judge
 from jaxcalib.diagnosis.runs.finished_parts import FinishedParts
 from jaxcalib.diagnosis.runs.null_runs import NullRuns, alterations_of
@@ -274,7 +275,7 @@ def diagnosed(null: Null, field: Sequence[DriveTable]) -> tuple[Tried, Any]:
     tried = try_effects(session, baseline, book)
     null.trials.update(book.run("known", ()))  # the next field meets the same trials
     gain = best_gain(tried.explained)
-    return tried, judge(tried.explained, gain, len(fitted.null.cells), 0.0, False)
+    return tried, judge(tried.explained, gain, LEAST_TEMPERATURE, 0.0, False)
 
 
 def field_of(settings: dict[str, EffectSetting]) -> list[DriveTable]:
