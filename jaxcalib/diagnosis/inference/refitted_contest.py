@@ -27,7 +27,7 @@ def with_refits(explained: Sequence[Explained], refits: Mapping[str, Refit]) -> 
 
     The signatures' evidence and the refits' are two readings of one quantity, each with errors of its own, and their
     mean says how far apart two effects lie. The best of them keeps the most evidence of all, against none, unknown and
-    the rest.
+    the rest. The interval of a strength holds that of both readings.
     """
     again = [explanation for explanation in explained if explanation.name in refits]
     if not again:
@@ -43,13 +43,13 @@ def with_refits(explained: Sequence[Explained], refits: Mapping[str, Refit]) -> 
             counted.append(explanation)
             continue
         mine = refits[explanation.name]
-        low, high = sorted(mine.sign * size for size in mine.interval_90)
+        bounds = sorted((*(mine.sign * size for size in mine.interval_90), *explanation.interval))
         counted.append(
             replace(
                 explanation,
                 log_evidence=most - (max(mean.values()) - mean[explanation.name]),
                 strength=mine.sign * mine.strength,
-                interval=(low, high),
+                interval=(bounds[0], bounds[-1]),
                 best_misfit=min(explanation.best_misfit, mine.misfit),
             )
         )

@@ -196,6 +196,8 @@ def test_only_the_fitted_explanation_changes():
     assert same is other
     assert one.strength == -found.strength
     assert one.interval[0] <= one.strength <= one.interval[1]
+    readings = (*best.interval, *(-size for size in found.interval_90))
+    assert one.interval == (min(readings), max(readings))
     assert one.log_evidence == best.log_evidence
     assert with_refits([best], {}) == [best]
 
