@@ -15,8 +15,9 @@ from experiments.blind_effects.seal import file_hash
 from experiments.diagnosis_bank.fill import fill_bank, write_answer
 from experiments.diagnosis_bank.kept_case import KeptCase, NotKeptError
 from experiments.diagnosis_bank.links import LINKS, without
+from experiments.diagnosis_bank.made_up_nulls import by_road, judge_made_up_nulls
 from experiments.results.record import record as keep
-from experiments.results.terminal import write_json
+from experiments.results.terminal import as_table, write_json
 
 app = App(name="experiments.diagnosis_bank", help="A bank of diagnosed cases.")
 
@@ -114,6 +115,41 @@ def record(cases: Path, answers: Path, title: str, /, *, key: Path, name: str) -
     note = "Answers of `judge` on kept runs: times are those of judging, not of a diagnosis; twins have the same fit."
     keep("diagnosis", name, [recorded_line(line) for line in lines if line.of], title, [note])
     keep("diagnosis", f"{name}_cases", [recorded_case(row) for row in rows], f"{title}, case by case")
+    return 0
+
+
+@app.command
+def nulls(
+    cases: Path,
+    bank: Path,
+    /,
+    *,
+    fields: Annotated[int, Parameter(validator=Number(gte=1))] = 4,
+    record: Annotated[bool, Parameter(negative="")] = False,
+) -> int:
+    """Judge fields made of kept null runs, by road: how often something is seen where nothing is.
+
+    Parameters
+    ----------
+    cases
+        Folder of cases.
+    bank
+        Folder that `fill` made.
+    fields
+        Fields of each case.
+    record
+        Keep the table in results.
+    """
+    found = []
+    for folder in case_folders(cases):
+        if folder.parent.name != "twins" and (bank / folder.name / ANSWER).is_file():
+            found += judge_made_up_nulls(KeptCase(folder, bank / folder.name), fields)
+            print(folder.name, *(each.kind for each in found[-fields:]), flush=True)
+    rows = by_road(found)
+    title = "Fields without any effect, made of null runs, by road"
+    Console().print(as_table(rows, title))
+    if record:
+        keep("diagnosis", "made_up_nulls", rows, title)
     return 0
 
 
