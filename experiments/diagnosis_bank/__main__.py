@@ -1,6 +1,7 @@
 """`python -m experiments.diagnosis_bank`: keeps what diagnoses ran, and judges it anew."""
 
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -65,9 +66,7 @@ def judge(
     may_run
         Make runs that the bank does not hold, and keep them; otherwise such cases are left out and said.
     """
-    for name in off or ():
-        if name not in LINKS:
-            raise SystemExit(f"--off: expected one of {', '.join(LINKS)}, got {name}.")
+    _check_links(off)
     console = Console()
     hashes = {}
     for folder in case_folders(cases):
@@ -125,6 +124,7 @@ def nulls(
     /,
     *,
     fields: Annotated[int, Parameter(validator=Number(gte=1))] = 4,
+    off: list[str] | None = None,
     record: Annotated[bool, Parameter(negative="")] = False,
 ) -> int:
     """Judge fields made of kept null runs, by road: how often something is seen where nothing is.
@@ -137,13 +137,17 @@ def nulls(
         Folder that `fill` made.
     fields
         Fields of each case.
+    off
+        Links of the inference to switch off.
     record
         Keep the table in results.
     """
+    _check_links(off)
     found = []
     for folder in case_folders(cases):
         if folder.parent.name != "twins" and (bank / folder.name / ANSWER).is_file():
-            found += judge_made_up_nulls(KeptCase(folder, bank / folder.name), fields)
+            with without(off or ()):
+                found += judge_made_up_nulls(KeptCase(folder, bank / folder.name), fields)
             print(folder.name, *(each.kind for each in found[-fields:]), flush=True)
     rows = by_road(found)
     title = "Fields without any effect, made of null runs, by road"
@@ -151,6 +155,12 @@ def nulls(
     if record:
         keep("diagnosis", "made_up_nulls", rows, title)
     return 0
+
+
+def _check_links(names: Sequence[str] | None) -> None:
+    for name in names or ():
+        if name not in LINKS:
+            raise SystemExit(f"--off: expected one of {', '.join(LINKS)}, got {name}.")
 
 
 if __name__ == "__main__":
