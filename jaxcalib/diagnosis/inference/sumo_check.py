@@ -1,9 +1,9 @@
 """Effects put into SUMO itself, where it can express them: its own runs correct the signatures.
 
 A surrogate's signature may be wrong by more than its size: of delays and noise it shows a third, of slow lane changes
-what SUMO does not show. So if there is something to explain, SUMO runs every effect that it has means for, at medium
-strength, and then the best few at the strength that fits. Both simulators measure one thing, each with its error, and
-are averaged by their precision, feature by feature.
+what SUMO does not show. So if there is something to explain, SUMO runs every effect that it has means for and that may
+still win, at medium strength, and then the best few at the strength that fits. Both simulators measure one thing, each
+with its error, and are averaged by their precision, feature by feature.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -20,11 +20,13 @@ from jaxcalib.diagnosis.inference.marginal_likelihood import (
     effects_above_none,
     signature_behind,
 )
+from jaxcalib.diagnosis.inference.overdispersion import temperature
 from surrogate.effects.base import EffectSetting
 from surrogate.effects.registry import effect_named
 
 NUM_CHECKED = 3  # explanations at most
 WITHIN = 20.0  # log evidence: explanations farther behind the best are out of the race
+LOOKED_AT = 10.0  # the same in units of the temperature, as long as only the surrogate has spoken
 CHECKED_EXACTNESS = 0.4  # share of SIGNATURE_ERROR: on the road the same effect may come in another form
 
 
@@ -55,20 +57,29 @@ Run = Callable[[str, EffectSetting, bool], DriveTallies | None]  # name, setting
 Explain = Callable[[Mapping[str, Sequence[Signature]]], Sequence[Explained]]
 
 
+def worth_a_look(explained: Sequence[Explained], by_chance: float) -> list[str]:
+    """Return the effects that may win once SUMO shows what they do; `by_chance` is the misfit that chance leaves."""
+    best = max(explanation.log_evidence for explanation in explained)
+    least = best - LOOKED_AT * temperature(explained, by_chance)
+    return [explanation.name for explanation in explained if explanation.is_effect and explanation.log_evidence > least]
+
+
 def check_in_sumo(
     null: NullModel,
     plain: DriveTallies,
     signatures: Mapping[str, Sequence[Signature]],
+    looked_at: Sequence[str],
     explain: Explain,
     is_expressible: Callable[[str], bool],
     run: Run,
 ) -> Checked:
-    """Run all effects at medium strength, then the best ones until the best two are checked or exact already.
+    """Run effects at medium strength, then the best ones until the best two are checked or exact already.
 
-    Where `run` returns None, SUMO's runs failed, and the surrogate's word must do.
+    Where `run` returns None, SUMO's runs failed, and the surrogate's word must do. `looked_at` are the effects that run
+    at medium strength.
     """
     known, num_look_runs = dict(signatures), 0
-    for name in filter(is_expressible, signatures):
+    for name in filter(is_expressible, looked_at):
         medium = Explained(name, 0.0, strength=effect_named(name).medium)
         best = signature_behind(known[name], medium)
         strength = best.strengths[-1] if best.is_fixed else medium.strength

@@ -6,8 +6,8 @@ import pytest
 from jaxcalib.diagnosis.features.features import DriveTallies
 from jaxcalib.diagnosis.features.noise import measured_shift
 from jaxcalib.diagnosis.features.signature import Signature
-from jaxcalib.diagnosis.inference.marginal_likelihood import explain, explain_none
-from jaxcalib.diagnosis.inference.sumo_check import check_in_sumo, corrected
+from jaxcalib.diagnosis.inference.marginal_likelihood import Explained, explain, explain_none
+from jaxcalib.diagnosis.inference.sumo_check import LOOKED_AT, check_in_sumo, corrected, worth_a_look
 from tests.jaxcalib.diagnosis.synthetic import made_up_null
 
 NULL = made_up_null()
@@ -66,7 +66,9 @@ def test_the_right_effect_overtakes_one_that_the_surrogate_favours():
         return runs(setting.strength * DIRECTION, 9)
 
     assert explained(signatures)[0].name == "grade"
-    checked = check_in_sumo(NULL, runs(np.zeros(SIZE), 4), signatures, explained, lambda name: name == "memory", run)
+    checked = check_in_sumo(
+        NULL, runs(np.zeros(SIZE), 4), signatures, list(signatures), explained, lambda name: name == "memory", run
+    )
     assert asked == [("memory", True), ("memory", False)]
     assert checked.explained[0].name == "memory"
     assert checked.explained[0].strength == pytest.approx(1.2, rel=0.25)
@@ -81,6 +83,18 @@ def test_the_right_effect_overtakes_one_that_the_surrogate_favours():
     assert checked.signatures["grade"] == signatures["grade"]
 
 
+def test_effects_far_behind_are_not_looked_at():
+    found = [
+        Explained("memory", 300.0, best_misfit=80.0),
+        Explained("ramp_inflow_error", 290.0),
+        Explained("unknown", 280.0),
+        Explained("grade", 300.0 - 3.9 * LOOKED_AT, best_misfit=120.0),
+        Explained("keep_right", 300.0 - 4.1 * LOOKED_AT, best_misfit=120.0),
+        Explained("none", 0.0, best_misfit=900.0),
+    ]
+    assert worth_a_look(found, 40.0) == ["memory", "ramp_inflow_error", "grade"]  # the temperature is 4
+
+
 def test_what_fails_in_sumo_keeps_the_surrogate_s_signature():
     signatures = {"memory": [signature("memory", WRONG)], "keep_right": [signature("keep_right", DIRECTION)]}
     asked = []
@@ -92,7 +106,9 @@ def test_what_fails_in_sumo_keeps_the_surrogate_s_signature():
     def run(name: str, setting, is_first_look: bool) -> None:
         asked.append((name, is_first_look))
 
-    checked = check_in_sumo(NULL, runs(np.zeros(SIZE), 4), signatures, explained, lambda name: True, run)
+    checked = check_in_sumo(
+        NULL, runs(np.zeros(SIZE), 4), signatures, list(signatures), explained, lambda name: True, run
+    )
     assert sorted(asked) == [(name, first) for name in ("keep_right", "memory") for first in (False, True)]
     assert checked.checks == ()
     assert checked.signatures == signatures
