@@ -25,6 +25,7 @@ def calibrate(
     settings: Path | None = None,
     engine: Literal["auto", "surrogate", "sumo"] = "auto",
     cluster: str | None = None,
+    profile: Annotated[bool, Parameter(negative="")] = False,
     quiet: Annotated[bool, Parameter(negative="")] = False,
 ) -> int:
     """Calibrate demand and driver behaviour of a case.
@@ -49,20 +50,24 @@ def calibrate(
         Simulator that makes the search's runs: the surrogate where it can follow the scenario (auto), or SUMO alone.
     cluster
         Address of a dask scheduler whose workers make SUMO's runs (docs/cluster.md).
+    profile
+        Say at the end where the time went, by kind of work, and keep it in the result.
     quiet
         Say nothing but errors.
     """
     from jaxcalib.calibration.pipeline import calibrate as run
     from jaxcalib.cli.guarded import guarded
+    from jaxcalib.cli.profile_table import print_profile, profiled
     from jaxcalib.cli.terminal import TerminalProgress, summary
     from jaxcalib.runs.progress import Silent
 
     def work() -> str:
-        with Silent() if quiet else TerminalProgress() as progress:
+        with profiled(profile), Silent() if quiet else TerminalProgress() as progress:
             result = run(
                 case, out, seed=seed, budget=budget, resume=resume, settings=settings, engine=engine,
                 cluster=cluster, progress=progress,
             )  # fmt: skip
+            print_profile()
         return "" if quiet else summary(result, out)
 
     return guarded(work, f"go on with: jaxcalib calibrate {case} --out {out} --resume", out)
@@ -210,6 +215,7 @@ def diagnose(
     budget: Annotated[float, Parameter(validator=Number(gte=0.05, lte=100.0))] = 1.0,
     resume: Annotated[bool, Parameter(negative="")] = False,
     cluster: str | None = None,
+    profile: Annotated[bool, Parameter(negative="")] = False,
     quiet: Annotated[bool, Parameter(negative="")] = False,
 ) -> int:
     """Tell where simulation and road differ, which missing effect causes it, and how far adding it closes the gap.
@@ -230,18 +236,22 @@ def diagnose(
         Go on with a diagnosis that was stopped.
     cluster
         Address of a dask scheduler whose workers make SUMO's runs (docs/cluster.md).
+    profile
+        Say at the end where the time went, by kind of work, and keep it in the result.
     quiet
         Say nothing but errors.
     """
     from jaxcalib.cli.diagnosis_summary import summary
     from jaxcalib.cli.guarded import guarded
+    from jaxcalib.cli.profile_table import print_profile, profiled
     from jaxcalib.cli.terminal import TerminalProgress
     from jaxcalib.diagnosis.run import diagnose as run
     from jaxcalib.runs.progress import Silent
 
     def work() -> str:
-        with Silent() if quiet else TerminalProgress() as progress:
+        with profiled(profile), Silent() if quiet else TerminalProgress() as progress:
             found = run(case, out, seed=seed, budget=budget, resume=resume, cluster=cluster, progress=progress)
+            print_profile()
         return "" if quiet else summary(found, out)
 
     return guarded(work, f"go on with: jaxcalib diagnose {case} --out {out} --resume", out)
@@ -330,6 +340,7 @@ def sweep(
     merge: Annotated[bool, Parameter(negative="")] = False,
     cluster: str | None = None,
     resume: Annotated[bool, Parameter(negative="")] = False,
+    profile: Annotated[bool, Parameter(negative="")] = False,
     quiet: Annotated[bool, Parameter(negative="")] = False,
 ) -> int:
     """Run many parameter sets on several seeds each, and keep every run as a row of a table.
@@ -362,6 +373,8 @@ def sweep(
         Address of a dask scheduler whose workers make the runs (docs/cluster.md).
     resume
         Insist on a sweep that was begun.
+    profile
+        Say at the end where the time went, by kind of work, and keep it in the result.
     quiet
         Say nothing but errors.
     """
@@ -371,7 +384,7 @@ def sweep(
         design=design, seeds=seeds, engine=engine, seed=seed, parameters=parameters, settings=settings, shard=shard,
         cluster=cluster, resume=resume,
     )  # fmt: skip
-    return run_sweep(case, out, options, merge=merge, quiet=quiet)
+    return run_sweep(case, out, options, merge=merge, profile=profile, quiet=quiet)
 
 
 @app.command
@@ -386,6 +399,7 @@ def validate(
     counts: Path | None = None,
     resume: Annotated[bool, Parameter(negative="")] = False,
     cluster: str | None = None,
+    profile: Annotated[bool, Parameter(negative="")] = False,
     quiet: Annotated[bool, Parameter(negative="")] = False,
 ) -> int:
     """Judge a calibrated result by the field, in SUMO alone: every criterion with its standard, pass or fail.
@@ -410,12 +424,14 @@ def validate(
         Go on with a validation that was stopped.
     cluster
         Address of a dask scheduler whose workers make SUMO's runs (docs/cluster.md).
+    profile
+        Say at the end where the time went, by kind of work, and keep it in the result.
     quiet
         Say nothing but errors.
     """
     from jaxcalib.cli.validate_command import ValidateOptions, run_validation
 
-    return run_validation(ValidateOptions(case, run, out, seeds, drives, counts, resume, cluster, quiet))
+    return run_validation(ValidateOptions(case, run, out, seeds, drives, counts, resume, cluster, profile, quiet))
 
 
 def main() -> None:

@@ -10,6 +10,7 @@ import pyarrow.parquet as pq
 
 from jaxcalib.calibration.stages.evaluator import AllRunsFailedError
 from jaxcalib.cli.guarded import guarded
+from jaxcalib.cli.profile_table import print_profile, profiled
 from jaxcalib.errors import CaseError
 from jaxcalib.runs.progress import Silent
 from jaxcalib.runs.sweep_progress import TerminalSweepProgress
@@ -18,7 +19,7 @@ from jaxcalib.sweeps.sweep import SweepResult, make_sweep, merge_shards
 from sim_adapters.interface import Status
 
 
-def run_sweep(case: Path | None, out: Path, options: SweepOptions, *, merge: bool, quiet: bool) -> int:
+def run_sweep(case: Path | None, out: Path, options: SweepOptions, *, merge: bool, profile: bool, quiet: bool) -> int:
     """Make a sweep, or the table of what jobs have made, and return the exit code."""
 
     def work() -> str:
@@ -26,8 +27,9 @@ def run_sweep(case: Path | None, out: Path, options: SweepOptions, *, merge: boo
             raise CaseError("command line", "--merge", "expected neither --shard nor --cluster beside it.")
         if case is None and not merge:
             raise CaseError("command line", "CASE", "expected the folder of a case.")
-        with Silent() if quiet else TerminalSweepProgress() as progress:
+        with profiled(profile), Silent() if quiet else TerminalSweepProgress() as progress:
             result = merge_shards(out, case) if merge or case is None else make_sweep(case, out, options, progress)
+            print_profile()
         _refuse_all_failed(result)
         return "" if quiet else _summary(case, options, result)
 

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Literal
 
 from jaxcalib.cli.guarded import guarded
+from jaxcalib.cli.profile_table import print_profile, profiled
 from jaxcalib.cli.terminal import TerminalProgress
 from jaxcalib.runs.progress import Silent
 from jaxcalib.validation.result import ValidationResult
@@ -23,6 +24,7 @@ class ValidateOptions:
     counts: Path | None
     resume: bool
     cluster: str | None
+    profile: bool
     quiet: bool
 
 
@@ -31,11 +33,12 @@ def run_validation(options: ValidateOptions) -> int:
     folder = options.out or options.run / FOLDER
 
     def work() -> str:
-        with Silent() if options.quiet else TerminalProgress() as progress:
+        with profiled(options.profile), Silent() if options.quiet else TerminalProgress() as progress:
             result = validate(
                 options.case, options.run, options.out, seeds=options.seeds, drives=options.drives,
                 counts=options.counts, resume=options.resume, cluster=options.cluster, progress=progress,
             )  # fmt: skip
+            print_profile()
         return "" if options.quiet else _summary(result, folder)
 
     again = f"jaxcalib validate {options.case} {options.run} --seeds {options.seeds} --resume"

@@ -2,6 +2,7 @@
 
 import os
 import time
+from dataclasses import replace
 from pathlib import Path
 
 from jaxcalib.cluster.opening import sumo_workers_at
@@ -20,10 +21,12 @@ from jaxcalib.diagnosis.stages.tried import try_effects
 from jaxcalib.problem.engines import prepare_devices
 from jaxcalib.problem.problem import read_problem
 from jaxcalib.runs.disk import check_out, check_outside
+from jaxcalib.runs.profile import profile
 from jaxcalib.runs.progress import Progress
 from jaxcalib.runs.run_folder import identify
 from jaxcalib.runs.seeds import MOST_SEED
 from jaxcalib.runs.session import open_session
+from sim_adapters.activity import Activity, doing
 
 
 def diagnose(
@@ -75,12 +78,14 @@ def diagnose(
 
 def _diagnose(session: DiagnosisSession) -> Diagnosis:
     findings, diagnosis = answer(session, recalibrate(session))
+    diagnosis = replace(diagnosis, profile=profile())
     session.folder.write_text("diagnosis.json", diagnosis.to_json())
     if findings is not None:
         session.progress.stage("report")
         from jaxcalib.diagnosis.answer.report import report_html
 
-        session.folder.write_text("diagnosis.html", report_html(findings, diagnosis))
+        with doing(Activity.REPORT):
+            session.folder.write_text("diagnosis.html", report_html(findings, diagnosis))
     return diagnosis
 
 

@@ -33,6 +33,7 @@ from jaxcalib.problem.problem_checks import (
     replay_warnings,
     vtype_warnings,
 )
+from sim_adapters.activity import Activity, doing
 from sim_adapters.errors import ScenarioError
 from sim_adapters.interface import ParameterLayout
 from sim_adapters.scenario.scenario import Scenario
@@ -123,6 +124,7 @@ class CalibrationProblem:
         )
 
 
+@doing(Activity.READING)
 def read_problem(folder: Path | str, *, as_stated: bool = False) -> CalibrationProblem:
     """Read a case, its scenario and its logs, and measure the field.
 

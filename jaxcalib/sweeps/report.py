@@ -14,6 +14,7 @@ from jaxcalib.html.page import render_page
 from jaxcalib.measures.registry import judged_measures
 from jaxcalib.problem.problem import CalibrationProblem
 from jaxcalib.runs.disk import writing_to
+from jaxcalib.runs.profile import profile
 from jaxcalib.sweeps.columns import OBSERVATIONS
 from jaxcalib.sweeps.figures import dependence_figure, influence_figure
 from jaxcalib.sweeps.influence import candidate_means, rank_correlation
@@ -43,7 +44,7 @@ def write_report(table: Path, problem: CalibrationProblem | None) -> None:
     read = pq.ParquetFile(table).read(columns)
     rows = {name: read[name].to_numpy() for name in columns}
     summary = summarise(rows)
-    text = json.dumps(description | {"summary": summary}, indent=1) + "\n"
+    text = json.dumps(description | {"summary": summary, "profile": profile()}, indent=1) + "\n"
     with writing_to(table.parent):
         write_atomically(in_numbers, lambda stream: stream.write(text.encode()))
     means = candidate_means(rows, column_of, shown)

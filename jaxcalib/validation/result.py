@@ -56,4 +56,5 @@ class ValidationResult(msgspec.Struct, frozen=True):
     warnings: list[str]
     versions: dict[str, str]
     commit: str | None
+    profile: dict[str, Any] | None = None
     format: int = FORMAT

@@ -19,6 +19,7 @@ from jaxcalib.problem.engines import prepare_devices, sumo_engine
 from jaxcalib.problem.problem import CalibrationProblem, read_problem
 from jaxcalib.runs.disk import check_out, check_outside
 from jaxcalib.runs.journal import JournaledSumo
+from jaxcalib.runs.profile import profile
 from jaxcalib.runs.progress import Progress
 from jaxcalib.runs.provenance import commit, versions
 from jaxcalib.runs.run_folder import identify
@@ -172,6 +173,7 @@ def _validate(
         warnings=[*calibrated.warnings, *problem.warnings()],
         versions=versions(),
         commit=commit(),
+        profile=profile(),
     )
 
 

@@ -8,6 +8,7 @@ import jax
 import numpy as np
 from jax.sharding import Mesh
 
+from sim_adapters.activity import Activity, doing
 from sim_adapters.interface import ParameterLayout, RunOutcome, RunRequest, Status
 from sim_adapters.jax.batch_program import BatchInputs, BatchProgram, CompiledBatch
 from sim_adapters.jax.outcome import outcome_of
@@ -140,6 +141,7 @@ class JaxSimulator:
         """Runs that are made together; other numbers waste time."""
         return self._batch
 
+    @doing(Activity.SURROGATE)
     def run(self, requests: Sequence[RunRequest]) -> list[RunOutcome]:
         """Make all runs and return their outcomes in the same order.
 
@@ -190,7 +192,7 @@ class JaxSimulator:
     def _program(self, num_subjects: int) -> CompiledBatch:
         """Return the program for a batch with the present room, loaded or compiled when it is needed first."""
         wanted = self._capacity, num_subjects
-        with self._compiling:
+        with doing(Activity.COMPILING), self._compiling:
             if wanted not in self._programs:
                 began = time.perf_counter()
                 self._programs[wanted] = self._batches.compiled(*wanted, self._programs_kept)

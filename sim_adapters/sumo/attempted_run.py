@@ -6,6 +6,7 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from pathlib import Path
 
+from sim_adapters.activity import Activity, doing, sumo_took
 from sim_adapters.sumo.job import LOG_FILE, SumoFailedError, SumoRun
 
 log = logging.getLogger(__name__)
@@ -39,7 +40,10 @@ class AttemptedRun:
             future, self._future = self._future, None  # it would keep the run
             assert future is not None
             try:
-                return future.result()
+                with doing(Activity.WAITING):
+                    run = future.result()
+                sumo_took(run.cpu_s)
+                return run
             except Exception as error:
                 problem = str(error) if isinstance(error, SumoFailedError) else f"{type(error).__name__}: {error}"
                 tail = _log_tail(self._folder)

@@ -62,4 +62,5 @@ class SumoRun:
     num_vehicle_steps: int  # vehicles on the road, summed over steps
     subject_left: tuple[bool, ...]  # whether the subject vehicle, each of them, reached its destination
     wall_s: float  # computing time
+    cpu_s: float  # processor time of the process that made the run
     passed_s: Mapping[str, np.ndarray]  # when vehicles passed the end of each counted edge

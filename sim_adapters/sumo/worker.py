@@ -45,7 +45,7 @@ def run_job(job: SumoJob) -> SumoRun:
 
     import libsumo
 
-    began = time.perf_counter()
+    began, began_cpu = time.perf_counter(), time.process_time()
     output = job.folder / "frames.csv"
     arguments = [
         "sumo",
@@ -74,7 +74,7 @@ def run_job(job: SumoJob) -> SumoRun:
             f"expected {counts['num_frames']} frames of subject vehicles in SUMO's output, found {found}; disk full?"
         )
     del counts["num_frames"]
-    return SumoRun(**frames, **counts, wall_s=time.perf_counter() - began)
+    return SumoRun(**frames, **counts, wall_s=time.perf_counter() - began, cpu_s=time.process_time() - began_cpu)
 
 
 _said: set[bytes] = set()  # lines without their numbers, by this process

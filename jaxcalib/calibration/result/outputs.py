@@ -7,9 +7,11 @@ from jaxcalib.calibration.result.report import report_html
 from jaxcalib.calibration.result.result import CalibrationResult, to_json
 from jaxcalib.runs.disk import writing_to
 from jaxcalib.runs.run_folder import RunFolder
+from sim_adapters.activity import Activity, doing
 from sim_adapters.scenario.scenario_writer import write_scenario
 
 
+@doing(Activity.REPORT)
 def write_outputs(record: CalibrationRecord, result: CalibrationResult, run_folder: RunFolder) -> None:
     """Write result.json, report.html and scenario/."""
     with writing_to(run_folder.path):

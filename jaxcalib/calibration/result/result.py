@@ -62,6 +62,7 @@ class CalibrationResult(msgspec.Struct, frozen=True):
             `count`, as `jaxcalib check` says.
         warnings: what a user should know.
         versions: of the program and its libraries.
+        profile: with `--profile` where the time has gone by kind of work, and how much of the cores' was used.
     """
 
     parameters: dict[str, Any]
@@ -86,6 +87,7 @@ class CalibrationResult(msgspec.Struct, frozen=True):
     scenario: list[dict[str, Any]]
     warnings: list[str]
     versions: dict[str, str]
+    profile: dict[str, Any] | None = None
     format: int = FORMAT
 
 

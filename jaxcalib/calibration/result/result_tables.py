@@ -28,8 +28,10 @@ from jaxcalib.calibration.stages.evaluator import Evaluations
 from jaxcalib.calibration.stages.screening import Screening
 from jaxcalib.case.case import ROLES, Role
 from jaxcalib.measures.measure import MeasureValue
+from jaxcalib.runs.profile import profile
 from jaxcalib.runs.run_folder import LIBRARIES
 from jaxcalib.statistics.normal import HALF_WIDTH_90
+from sim_adapters.activity import Activity, doing
 from sim_adapters.interface import RunOutcome
 from sim_adapters.scenario.finding import sorted_findings
 
@@ -37,6 +39,7 @@ NEAR_BOUND = 0.005  # of the unit range
 SEARCH_PARTS = (AGREEMENT, "stage1", "stage2_exploration", "stage2_optimisation", "corrected_search")
 
 
+@doing(Activity.REPORT)
 def build_result(record: CalibrationRecord) -> CalibrationResult:
     """Return the result of a calibration."""
     problem, space, layout = record.problem, record.initial.space, record.problem.layout
@@ -64,6 +67,7 @@ def build_result(record: CalibrationRecord) -> CalibrationResult:
             "sumo": record.num_sumo_search_runs + sum(_health(record)[name].runs for name in _sumo_outcomes(record)),
         },
         wall_s=record.wall_s,
+        profile=profile(),
         notes=notes,
         parameter_table=_parameter_table(record),
         vehicle_level_error=vehicle_level_table(errors),

@@ -82,6 +82,7 @@ class Diagnosis:
         warnings: what a user should know.
         runs: numbers of runs.
         wall_s: time of each part.
+        profile: with `--profile` where the time has gone by kind of work; None otherwise.
     """
 
     verdict: str
@@ -100,6 +101,7 @@ class Diagnosis:
     warnings: Sequence[str]
     runs: Mapping[str, int]
     wall_s: Mapping[str, float]
+    profile: Mapping[str, Any] | None = None
 
     def to_json(self) -> str:
         """Return the text of diagnosis.json."""

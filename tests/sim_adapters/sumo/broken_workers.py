@@ -40,6 +40,7 @@ def short_run(job: SumoJob) -> SumoRun:
         num_vehicle_steps=4,
         subject_left=(True,) * len(job.subject_vehicles),
         wall_s=0.0,
+        cpu_s=0.25,
         passed_s={},
     )
 
