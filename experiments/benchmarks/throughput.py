@@ -11,7 +11,7 @@ import tempfile
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import jax
 import numpy as np
@@ -104,6 +104,22 @@ def throughput(
     record
         Also write the table to experiments/results.
     """
+    result = measure_throughput(case, sets, rounds)
+    print(json.dumps(result))
+    if record:
+        title = f"Vehicle-steps per second of both simulators: {result['case']}"
+        keep("performance", f"throughput-{result['case']}", [result], title)
+    return 0
+
+
+def measure_throughput(case: Path, sets: int, rounds: int) -> dict[str, Any]:
+    """Return vehicle-steps per second of both simulators, in turn, and what a program takes to compile.
+
+    Args:
+        case: the case's folder.
+        sets: parameter sets in a round of the surrogate.
+        rounds: of each simulator.
+    """
     cores = len(os.sched_getaffinity(0))
     prepare_devices(cores)
     problem = read_problem(case)
@@ -121,7 +137,7 @@ def throughput(
             few = [requests[(cores * number + core) % sets] for core in range(cores)]
             pairs.append((timed(surrogate, requests), timed(sumo, few)))
     ratios = [ours.rate / theirs.rate for ours, theirs in pairs]
-    result = {
+    return {
         "case": problem.case.name,
         "sets": sets,
         "surrogate_vehicle_steps_per_s": statistics.median(ours.rate for ours, _ in pairs),
@@ -132,11 +148,6 @@ def throughput(
         "devices": [str(device) for device in jax.devices()],
         "cores": cores,
     }
-    print(json.dumps(result))
-    if record:
-        title = f"Vehicle-steps per second of both simulators: {problem.case.name}"
-        keep("performance", f"throughput-{problem.case.name}", [result], title)
-    return 0
 
 
 if __name__ == "__main__":

@@ -12,7 +12,7 @@ def markdown(study: Mapping[str, Any]) -> str:
     for table in study["tables"]:
         parts += [f"## {table['title']}", _origin(table)]
         if table["rows"]:
-            parts.append(_table(table["rows"]))
+            parts.append(_table(table["rows"][-(table.get("num_shown") or len(table["rows"])) :]))
         parts += _paragraphs(table["notes"])
     return "\n\n".join(parts) + "\n"
 

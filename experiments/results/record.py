@@ -19,6 +19,7 @@ from experiments.results.markdown import markdown
 from jaxcalib.runs.provenance import commit
 
 FOLDER = Path(__file__).parent
+NUM_SHOWN = 10  # rows of a table that grows
 Cell = str | int | float | bool | None
 Row = Mapping[str, Cell]
 
@@ -35,6 +36,7 @@ class Table:
     command: str  # what made it
     rows: Sequence[Row]  # one mapping from column to value each; columns in the order of the first row's keys
     notes: Sequence[str] = ()  # what a reader must know beside it, a paragraph each
+    num_shown: int | None = None  # rows on the page, the last ones; all of them if None
 
 
 def record(
@@ -44,6 +46,7 @@ def record(
     title: str,
     notes: Sequence[str] = (),
     folder: Path = FOLDER,
+    num_shown: int | None = None,
 ) -> Path:
     """Write a table that this command has just measured into its study, and the study's Markdown anew.
 
@@ -54,6 +57,7 @@ def record(
         title: what the table shows.
         notes: what a reader must know beside it.
         folder: where studies lie.
+        num_shown: how many rows the page shows, the last ones; all of them if None.
 
     Returns:
         The JSON file.
@@ -67,6 +71,7 @@ def record(
         command=_command(),
         rows=[flattened(row) for row in rows],
         notes=list(notes),
+        num_shown=num_shown,
     )
     path = folder / f"{study}.json"
     before = read_study(path) if path.is_file() else {"title": study, "tables": []}
@@ -76,6 +81,32 @@ def record(
     tables = [new if table["name"] == name else table for table in tables] + ([] if name in names else [new])
     write_study(path, {**before, "tables": tables})
     return path
+
+
+def append(
+    study: str, name: str, row: Mapping[str, Any], title: str, notes: Sequence[str] = (), folder: Path = FOLDER
+) -> Path:
+    """Add a row to a table that grows from commit to commit, and write its study anew.
+
+    A row of the same commit on the same machine is replaced. The page shows the last rows.
+
+    Args:
+        study: name of the study's file.
+        name: of the table.
+        row: as in `record`; commit, day and machine are put in front.
+        title: what the table shows.
+        notes: what a reader must know beside it.
+        folder: where studies lie.
+
+    Returns:
+        The JSON file.
+    """
+    path = folder / f"{study}.json"
+    tables = read_study(path)["tables"] if path.is_file() else []
+    before = next((table["rows"] for table in tables if table["name"] == name), [])
+    front = {"commit": commit(), "date": datetime.now(UTC).date().isoformat(), "machine": machine()}
+    kept = [each for each in before if (each["commit"], each["machine"]) != (front["commit"], front["machine"])]
+    return record(study, name, [*kept, front | dict(row)], title, notes, folder, num_shown=NUM_SHOWN)
 
 
 def read_study(path: Path) -> dict[str, Any]:

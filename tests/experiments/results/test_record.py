@@ -5,7 +5,7 @@ import re
 from pathlib import Path
 
 from experiments.results.__main__ import render
-from experiments.results.record import flattened, read_study, record, write_study
+from experiments.results.record import append, flattened, read_study, record, write_study
 
 
 def test_every_page_is_what_its_json_makes() -> None:
@@ -47,3 +47,17 @@ def test_a_page_that_was_changed_by_hand_is_found_and_made_anew(tmp_path: Path, 
 
 def test_sequences_within_a_row_become_text() -> None:
     assert flattened({"devices": ["a", "b"], "interval": (0.5, 1.5)}) == {"devices": "a, b", "interval": "0.5, 1.5"}
+
+
+def test_a_table_grows_by_a_row_for_each_commit_and_its_page_shows_the_last(tmp_path: Path, monkeypatch) -> None:
+    for number in range(14):
+        monkeypatch.setattr("experiments.results.record.commit", lambda number=number: f"{number:040d}")
+        path = append("benchmarks", "sweep", {"wall_s": 100.0 + number}, "A sweep", folder=tmp_path)
+    path = append("benchmarks", "sweep", {"wall_s": 99.5}, "A sweep", folder=tmp_path)  # the same commit again
+    rows = read_study(path)["tables"][0]["rows"]
+    assert [row["wall_s"] for row in rows] == [*(100.0 + number for number in range(13)), 99.5]
+    assert list(rows[0])[:3] == ["commit", "date", "machine"]
+    page = path.with_suffix(".md").read_text(encoding="utf-8")
+    assert "| 99.5 |" in page
+    assert "| 104 |" in page
+    assert "| 103 |" not in page  # of the eleventh last
