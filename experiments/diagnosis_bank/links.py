@@ -5,13 +5,11 @@ from contextlib import ExitStack, contextmanager
 from unittest.mock import patch
 
 from jaxcalib.diagnosis.features import noise
-from jaxcalib.diagnosis.inference import contest, marginal_likelihood, pairs
+from jaxcalib.diagnosis.inference import marginal_likelihood, pairs
 from jaxcalib.diagnosis.inference.overdispersion import LEAST_TEMPERATURE
 from jaxcalib.diagnosis.stages import judged, refitted, tried
 
 LINKS = {
-    "cross_validation": [(contest, "cross_validated_gains", lambda *_: {})],
-    "leave_one_out": [(contest.Contest, "least_gain", lambda self, signatures: float("inf"))],
     "tempering": [
         (judged, "temperature", lambda explained, by_chance: LEAST_TEMPERATURE),
         (pairs, "temperature_at", lambda misfit, by_chance: LEAST_TEMPERATURE),

@@ -9,11 +9,13 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 
 from experiments.blind_effects.seal import file_hash
 from experiments.diagnosis_bank.kept_case import KeptCase
+from jaxcalib.diagnosis.inference import investigation
 from jaxcalib.diagnosis.inference.baseline import Baseline
 from jaxcalib.diagnosis.inference.investigation import NotTestableError, prepare
 from jaxcalib.diagnosis.inference.marginal_likelihood import NONE, UNKNOWN
@@ -41,7 +43,8 @@ def judge_made_up_nulls(case: KeptCase, num_fields: int, seed: int = 0) -> Itera
     """Make fields of a kept case's null runs, judge each, and keep the trials that this takes."""
     random = np.random.default_rng(seed)
     road = _road_of(case.case)
-    with case.session(may_run=True) as session:
+    # the calibrated inflows are these fields' own: whether the scenario's are wrong is another question
+    with patch.object(investigation, "explain_ramps", lambda *_: None), case.session(may_run=True) as session:
         simulated = simulate_null(session, case.calibrated(session))
         for _ in range(num_fields):
             try:
@@ -49,7 +52,7 @@ def judge_made_up_nulls(case: KeptCase, num_fields: int, seed: int = 0) -> Itera
             except NotTestableError:
                 continue
             tried = try_effects(session, made, simulated.trial_book(session))
-            judged = judge_drives(session, made, tried.contest, Checked(tried.explained, tried.signatures, ()))
+            judged = judge_drives(session, made, tried.num_places, Checked(tried.explained, tried.signatures, ()))
             verdict = judged.verdict
             yield MadeUpNull(road, verdict.kind, verdict.probability[NONE], verdict.probability[UNKNOWN])
 

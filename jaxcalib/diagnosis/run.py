@@ -98,7 +98,7 @@ def answer(session: DiagnosisSession, calibrated: Calibrated) -> tuple[Findings 
     baseline, book = simulated.baseline, simulated.trial_book(session)
     tried = try_effects(session, baseline, book)
     checked = check_best(session, baseline, tried)
-    judged = judge_drives(session, baseline, tried.contest, checked)
+    judged = judge_drives(session, baseline, tried.num_places, checked)
     refitted = refit_best(session, calibrated, baseline, book, checked, judged)
     findings = gather_findings(session, calibrated, simulated, book, tried, checked, judged, refitted)
     return findings, conclude(findings)

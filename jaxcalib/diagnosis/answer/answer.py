@@ -23,10 +23,7 @@ class Ranked:
     strength_ci90: tuple[float, float] | None = None  # its interval
     absorption: float | None = None  # share of its signature that recalibration explains
     held_out_gain: float | None = None  # gain in log-likelihood per held-out drive against the recalibrated baseline
-    # natural logarithm of its evidence against the baseline's, as far as other drives confirm it
-    log_evidence: float = 0.0
-    # gain in log-likelihood of half of the drives to fit where the other half was fitted; both ways together
-    cross_validated_gain: float | None = None
+    log_evidence: float = 0.0  # natural logarithm of its evidence against the baseline's
     place_and_time: Mapping[str, float] = field(default_factory=dict)  # where and when, for local effects
     # other effects that look alike here, with the cosine of their signatures
     alike: Mapping[str, float] = field(default_factory=dict)

@@ -135,7 +135,6 @@ def _ranking(findings: Findings, verdict: Verdict) -> list[Ranked]:
                 absorption=atlas.absorption if atlas else None,
                 held_out_gain=gain_of(explanation, findings.held_out, findings.fitted) if findings.held_out else None,
                 log_evidence=gain,
-                cross_validated_gain=explanation.cross_validated_gain,
                 place_and_time=dict(explanation.setting or {}),
                 alike=dict(atlas.alike) if atlas else {},
             )

@@ -47,14 +47,12 @@ class Explained:
     """How one explanation fares."""
 
     name: str  # effect, or none, or unknown
-    log_evidence: float  # logarithm of the marginal likelihood; in a contest, what of it other drives confirm
+    log_evidence: float  # logarithm of the marginal likelihood
     strength: float = 0.0  # posterior mean; 0 for none and unknown
     interval: tuple[float, float] = (0.0, 0.0)  # 90 % interval of the strength
     setting: Mapping[str, float] | None = None  # place and time that agree best
     best_misfit: float = float("nan")  # whitened squared misfit at the best strength, and its number of features
     shift: np.ndarray | None = None  # expected signature at the posterior
-    # by how much it raises the log-likelihood of drives that it was not fitted to; None where that was not judged
-    cross_validated_gain: float | None = None
 
     @property
     def is_effect(self) -> bool:
@@ -65,6 +63,12 @@ class Explained:
 def none_among(explained: Sequence[Explained]) -> Explained:
     """The explanation that nothing is missing."""
     return next(explanation for explanation in explained if explanation.name == NONE)
+
+
+def best_gain(explained: Sequence[Explained]) -> float:
+    """Log evidence of the best explanation less that of the baseline."""
+    best = max(explanation.log_evidence for explanation in explained if explanation.name != NONE)
+    return best - none_among(explained).log_evidence
 
 
 def effects_above_none(explained: Sequence[Explained]) -> list[Explained]:

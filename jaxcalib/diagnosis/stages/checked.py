@@ -1,12 +1,12 @@
 """The fourth stage: the best explanations checked in SUMO, where there is something to explain."""
 
 from jaxcalib.diagnosis.inference.baseline import Baseline
-from jaxcalib.diagnosis.inference.contest import best_gain
+from jaxcalib.diagnosis.inference.marginal_likelihood import best_gain
 from jaxcalib.diagnosis.inference.overdispersion import misfit_by_chance
 from jaxcalib.diagnosis.inference.sumo_check import Checked, check_in_sumo, worth_a_look
 from jaxcalib.diagnosis.inference.verdict import LEAST_EVIDENCE
 from jaxcalib.diagnosis.stages.session import DiagnosisSession
-from jaxcalib.diagnosis.stages.tried import Tried
+from jaxcalib.diagnosis.stages.tried import Tried, explaining
 from sim_adapters.scenario.sumo_effects import is_expressible
 
 
@@ -22,7 +22,7 @@ def check_best(session: DiagnosisSession, baseline: Baseline, tried: Tried) -> C
             baseline.runs.plain,
             tried.signatures,
             worth_a_look(tried.explained, by_chance),
-            tried.contest.explain,
+            explaining(session, baseline, tried.num_places),
             lambda name: is_expressible(session.problem.scenario, name),
             baseline.in_sumo.with_effect,
         )

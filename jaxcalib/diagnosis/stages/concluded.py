@@ -29,7 +29,7 @@ def gather_findings(
 ) -> Findings:
     """Put together what all stages found."""
     baseline = simulated.baseline
-    num_places, pairs = tried.contest.num_places, judged.grounds.pairs
+    num_places, pairs = tried.num_places, judged.grounds.pairs
     explained = refitted.explained
     if refitted.verdict.kind == "pair" and pairs is not None:
         explained = with_pair(explained, pairs.best)

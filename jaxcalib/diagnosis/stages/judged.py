@@ -1,14 +1,13 @@
 """The fifth stage: a first verdict, and what it is judged by beside the explanations."""
 
 import contextlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from jaxcalib.diagnosis.answer.remarks import FEW_DRIVES, aliased_effects
 from jaxcalib.diagnosis.inference.baseline import Baseline
-from jaxcalib.diagnosis.inference.contest import Contest, best_gain
 from jaxcalib.diagnosis.inference.investigation import NotTestableError, Prepared, prepare, shift_in_errors
-from jaxcalib.diagnosis.inference.marginal_likelihood import Explained
+from jaxcalib.diagnosis.inference.marginal_likelihood import Explained, best_gain
 from jaxcalib.diagnosis.inference.overdispersion import misfit_by_chance, temperature
 from jaxcalib.diagnosis.inference.pairs import Pairs, judge_pairs
 from jaxcalib.diagnosis.inference.sumo_check import Checked
@@ -20,7 +19,6 @@ from jaxcalib.diagnosis.stages.session import DiagnosisSession
 class Grounds:
     """What a verdict rests on beside the explanations."""
 
-    least_gain: float  # gain of the best explanation over the baseline that no single drive makes
     by_chance: float  # squared misfit that chance leaves
     shift_errors: float  # by how many of its errors the calibration moved the parameters away from the scenario's
     few_drives: bool  # whether there are too few drives to name one effect
@@ -32,7 +30,6 @@ class Grounds:
         sure = None if self.pairs is None else self.pairs.sure
         return judge(
             explained,
-            self.least_gain,
             temperature(explained, self.by_chance),
             self.shift_errors,
             self.few_drives,
@@ -51,20 +48,21 @@ class Judged:
     held_out: Prepared | None
 
 
-def judge_drives(session: DiagnosisSession, baseline: Baseline, contest: Contest, checked: Checked) -> Judged:
-    """Judge the drives to fit."""
+def judge_drives(
+    session: DiagnosisSession, baseline: Baseline, num_places: Mapping[str, int], checked: Checked
+) -> Judged:
+    """Judge the drives to fit; `num_places` are those that were looked at for each local effect."""
     problem, is_fit, fitted = session.problem, session.is_fit, baseline.fitted
     with session.stopwatch.time("evidence"):
-        gain, pairs = best_gain(checked.explained), None
+        pairs = None
         by_chance = misfit_by_chance(baseline.runs.plain, fitted.null, int(is_fit.sum()))
-        if gain > LEAST_EVIDENCE and is_fit.sum() > 1:
-            gain = min(gain, contest.least_gain(checked.signatures))
+        if best_gain(checked.explained) > LEAST_EVIDENCE:
             pairs = judge_pairs(
                 fitted.difference,
                 fitted.null,
                 checked.explained,
                 checked.signatures,
-                contest.num_places,
+                num_places,
                 by_chance,
             )
         held_out = None
@@ -72,7 +70,6 @@ def judge_drives(session: DiagnosisSession, baseline: Baseline, contest: Contest
             with contextlib.suppress(NotTestableError):
                 held_out = prepare(problem, baseline.field.take(~is_fit), baseline.runs, baseline.trials)
         grounds = Grounds(
-            least_gain=gain,
             by_chance=by_chance,
             shift_errors=shift_in_errors(problem, baseline.values, fitted),
             few_drives=int(is_fit.sum()) < FEW_DRIVES,

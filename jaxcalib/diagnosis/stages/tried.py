@@ -2,17 +2,18 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 from jaxcalib.diagnosis.features.features import DriveTallies
 from jaxcalib.diagnosis.features.signature import Signature
 from jaxcalib.diagnosis.features.windows import Window
 from jaxcalib.diagnosis.inference.atlas import EffectTrial, effect_trials
 from jaxcalib.diagnosis.inference.baseline import Baseline
-from jaxcalib.diagnosis.inference.contest import Contest, best_gain
-from jaxcalib.diagnosis.inference.investigation import all_signatures
+from jaxcalib.diagnosis.inference.investigation import all_signatures, explanations
 from jaxcalib.diagnosis.inference.local_search import windows_of_effects
-from jaxcalib.diagnosis.inference.marginal_likelihood import Explained
+from jaxcalib.diagnosis.inference.marginal_likelihood import Explained, best_gain
 from jaxcalib.diagnosis.inference.place_search import refine_places
+from jaxcalib.diagnosis.inference.sumo_check import Explain
 from jaxcalib.diagnosis.inference.verdict import LEAST_EVIDENCE
 from jaxcalib.diagnosis.runs.trial_book import TrialBook
 from jaxcalib.diagnosis.stages.session import DiagnosisSession
@@ -22,10 +23,15 @@ from jaxcalib.diagnosis.stages.session import DiagnosisSession
 class Tried:
     """The effects, tried and judged."""
 
-    contest: Contest  # judges explanations
+    num_places: Mapping[str, int]  # how many places were looked at for each local effect
     windows: Mapping[str, Sequence[Window]]  # where local effects were tried
     signatures: Mapping[str, Sequence[Signature]]  # what each effect does to the features
     explained: Sequence[Explained]  # explanations, best first
+
+
+def explaining(session: DiagnosisSession, baseline: Baseline, num_places: Mapping[str, int]) -> Explain:
+    """Return what judges the drives to fit by signatures."""
+    return partial(explanations, session.problem, baseline.values, baseline.fitted, num_places=num_places)
 
 
 def try_effects(session: DiagnosisSession, baseline: Baseline, book: TrialBook) -> Tried:
@@ -41,8 +47,8 @@ def try_effects(session: DiagnosisSession, baseline: Baseline, book: TrialBook) 
         local = [tried for tried in effect_trials(values, plan.local_runs, windows) if tried.window is not None]
         tallies = book.run("local", [tried.trial for tried in local])
         signatures = all_signatures(fitted, baseline.runs, [*everywhere, *local], tallies)
-        contest = Contest(session.problem, values, fitted, baseline.runs, baseline.trials, num_places)
-        tried = Tried(contest, windows, signatures, contest.explain(signatures))
+        explain = explaining(session, baseline, num_places)
+        tried = Tried(num_places, windows, signatures, explain(signatures))
         return _refined(session, baseline, book, tried) if best_gain(tried.explained) > LEAST_EVIDENCE else tried
 
 
@@ -65,4 +71,5 @@ def _refined(session: DiagnosisSession, baseline: Baseline, book: TrialBook, tri
         lanes,
         run,
     )
-    return replace(tried, signatures=signatures, explained=tried.contest.explain(signatures))
+    explain = explaining(session, baseline, tried.num_places)
+    return replace(tried, signatures=signatures, explained=explain(signatures))
