@@ -10,6 +10,7 @@ from jaxcalib.diagnosis.inference.overdispersion import LEAST_TEMPERATURE
 from jaxcalib.diagnosis.stages import judged, refitted, tried
 
 LINKS = {
+    "leave_one_out": [(judged, "least_gain", lambda *_: float("inf"))],
     "tempering": [
         (judged, "temperature", lambda explained, by_chance: LEAST_TEMPERATURE),
         (pairs, "temperature_at", lambda misfit, by_chance: LEAST_TEMPERATURE),

@@ -13,6 +13,7 @@ PRIOR_NONE, PRIOR_UNKNOWN = 0.2, 0.1
 # Natural logarithm of the evidence ratio that an effect needs against the baseline: "very strong" for Kass & Raftery.
 # How often null runs reach it: docs/diagnosis.md.
 LEAST_EVIDENCE = 5.0
+LEAST_WITHOUT_ONE = 4.0  # the same without the drive that favours it most
 ALONE = 0.8  # no more than one in five effects named alone may be a wrong one
 IN_SET = 0.9
 LARGEST_SET = 3
@@ -30,7 +31,7 @@ class Verdict:
     reason: str  # one line for people
 
 
-def probabilities(explained: Sequence[Explained], temperature: float) -> dict[str, float]:
+def probabilities(explained: Sequence[Explained], least: float, temperature: float) -> dict[str, float]:
     """Return the probability of each explanation, none and unknown among them; for the numbers see `judge`."""
     names = [explanation.name for explanation in explained]
     none = explained[names.index(NONE)].log_evidence
@@ -45,7 +46,8 @@ def probabilities(explained: Sequence[Explained], temperature: float) -> dict[st
     is_none = np.asarray([name == NONE for name in names])
     prior_of, gain_of = prior[~is_none], gain[~is_none]
     something = np.log(prior_of) + gain_of
-    total = float(np.logaddexp.reduce(something))  # whether there is something is judged untempered
+    # whether there is something is judged untempered, but on what no single drive makes
+    total = float(np.logaddexp.reduce(something)) - max(float(gain_of.max()) - least, 0.0)
     share_of_none = 1.0 / (1.0 + np.exp(np.clip(total - np.log(PRIOR_NONE), -700, 700)))
     tempered = np.log(prior_of) + gain_of / temperature
     share = np.exp(tempered - np.logaddexp.reduce(tempered))
@@ -57,6 +59,7 @@ def probabilities(explained: Sequence[Explained], temperature: float) -> dict[st
 
 def judge(
     explained: Sequence[Explained],
+    least: float,
     temperature: float,
     shift_errors: float,
     few_drives: bool,
@@ -67,18 +70,19 @@ def judge(
 
     Args:
         explained: all explanations.
+        least: gain of the best of them over the baseline that no single drive makes.
         temperature: what evidence between explanations is divided by (see `overdispersion`).
         shift_errors: by how many of its errors the calibration moved the parameters away from the scenario's.
         few_drives: whether there are too few drives to name one effect: the next likely one is named with it.
         aliased: effects that these drives cannot tell apart; one of them is not named without another.
         sure_of_pair: effects that are surely there where two effects explain more than one does; None where not.
     """
-    probability = probabilities(explained, temperature)
+    probability = probabilities(explained, least, temperature)
     ranked = sorted(
         (explanation for explanation in explained if explanation.name != NONE),
         key=lambda explanation: -probability[explanation.name],
     )
-    if best_gain(explained) < LEAST_EVIDENCE:
+    if best_gain(explained) < LEAST_EVIDENCE or least < LEAST_WITHOUT_ONE:
         if shift_errors > MISCALIBRATED_ERRORS:
             return Verdict("miscalibrated", (), probability, "The scenario's values differ from the road's; with "
                            "calibrated values nothing is left that noise does not explain.")  # fmt: skip

@@ -6,7 +6,14 @@ from dataclasses import dataclass
 
 from jaxcalib.diagnosis.answer.remarks import FEW_DRIVES, aliased_effects
 from jaxcalib.diagnosis.inference.baseline import Baseline
-from jaxcalib.diagnosis.inference.investigation import NotTestableError, Prepared, prepare, shift_in_errors
+from jaxcalib.diagnosis.inference.investigation import (
+    NotTestableError,
+    Prepared,
+    explanations,
+    prepare,
+    shift_in_errors,
+)
+from jaxcalib.diagnosis.inference.leave_one_out import least_gain
 from jaxcalib.diagnosis.inference.marginal_likelihood import Explained, best_gain
 from jaxcalib.diagnosis.inference.overdispersion import misfit_by_chance, temperature
 from jaxcalib.diagnosis.inference.pairs import Pairs, judge_pairs
@@ -19,6 +26,7 @@ from jaxcalib.diagnosis.stages.session import DiagnosisSession
 class Grounds:
     """What a verdict rests on beside the explanations."""
 
+    least_gain: float  # gain of the best explanation over the baseline that no single drive makes
     by_chance: float  # squared misfit that chance leaves
     shift_errors: float  # by how many of its errors the calibration moved the parameters away from the scenario's
     few_drives: bool  # whether there are too few drives to name one effect
@@ -30,6 +38,7 @@ class Grounds:
         sure = None if self.pairs is None else self.pairs.sure
         return judge(
             explained,
+            self.least_gain,
             temperature(explained, self.by_chance),
             self.shift_errors,
             self.few_drives,
@@ -54,9 +63,11 @@ def judge_drives(
     """Judge the drives to fit; `num_places` are those that were looked at for each local effect."""
     problem, is_fit, fitted = session.problem, session.is_fit, baseline.fitted
     with session.stopwatch.time("evidence"):
-        pairs = None
+        gain, pairs = best_gain(checked.explained), None
         by_chance = misfit_by_chance(baseline.runs.plain, fitted.null, int(is_fit.sum()))
-        if best_gain(checked.explained) > LEAST_EVIDENCE:
+        if gain > LEAST_EVIDENCE and is_fit.sum() > 1:
+            gain = min(gain, _least_gain(session, baseline, num_places, checked))
+        if gain > LEAST_EVIDENCE:
             pairs = judge_pairs(
                 fitted.difference,
                 fitted.null,
@@ -70,6 +81,7 @@ def judge_drives(
             with contextlib.suppress(NotTestableError):
                 held_out = prepare(problem, baseline.field.take(~is_fit), baseline.runs, baseline.trials)
         grounds = Grounds(
+            least_gain=gain,
             by_chance=by_chance,
             shift_errors=shift_in_errors(problem, baseline.values, fitted),
             few_drives=int(is_fit.sum()) < FEW_DRIVES,
@@ -77,3 +89,15 @@ def judge_drives(
             pairs=pairs,
         )
         return Judged(grounds, grounds.verdict_on(checked.explained), held_out)
+
+
+def _least_gain(
+    session: DiagnosisSession, baseline: Baseline, num_places: Mapping[str, int], checked: Checked
+) -> float:
+    problem = session.problem
+    return least_gain(
+        baseline.fitted,
+        checked.signatures,
+        lambda drives: prepare(problem, drives, baseline.runs, baseline.trials),
+        lambda some, signatures: explanations(problem, baseline.values, some, signatures, num_places),
+    )

@@ -67,7 +67,7 @@ def test_noise_and_shifted_parameters_are_no_effect():
     alarms = 0
     for seed in range(60):
         found = explained(noise(seed))
-        alarms += judge(found, TEMPERATURE, 0.0, False).kind != "no_gap"
+        alarms += judge(found, 50.0, TEMPERATURE, 0.0, False).kind != "no_gap"
     assert alarms / 60 <= 0.1  # what is promised of nulls
 
 
@@ -76,7 +76,7 @@ def test_an_effect_is_named_with_its_strength(name: str):
     strengths = []
     for seed in range(12):
         found = explained(noise(seed) + 1.3 * SIGNATURES[name].shift[1])
-        assert judge(found, TEMPERATURE, 0.0, False).effects == (name,)
+        assert judge(found, 50.0, TEMPERATURE, 0.0, False).effects == (name,)
         strengths.append(next(one.strength for one in found if one.name == name))
     assert np.mean(strengths) == pytest.approx(1.3, rel=0.15)
 
@@ -84,15 +84,15 @@ def test_an_effect_is_named_with_its_strength(name: str):
 def test_what_matches_no_signature_is_unknown():
     strange = 4.0 * np.random.default_rng(99).standard_normal(SIZE)
     found = explained(noise(7) + strange)
-    assert judge(found, TEMPERATURE, 0.0, False).kind == "unknown"
+    assert judge(found, 50.0, TEMPERATURE, 0.0, False).kind == "unknown"
 
 
 def test_where_a_set_of_three_says_nothing_the_answer_is_unknown():
     found = explained(noise(3) + 1.3 * SIGNATURES["grade"].shift[1])
     grade = next(one for one in found if one.name == "grade")
     twins = [replace(grade, name=f"twin {number}") for number in range(4)]
-    assert judge([*found, *twins[:2]], TEMPERATURE, 0.0, False).kind == "class"
-    verdict = judge([*found, *twins], 30.0, 0.0, False)  # nearly all as likely
+    assert judge([*found, *twins[:2]], 50.0, TEMPERATURE, 0.0, False).kind == "class"
+    verdict = judge([*found, *twins], 50.0, 30.0, 0.0, False)  # nearly all as likely
     assert verdict.kind == "unknown"
     assert verdict.effects == ()
     assert sum(verdict.probability.values()) == pytest.approx(1.0)
@@ -102,19 +102,19 @@ def test_twins_are_a_set():
     found = explained(noise(3) + 1.3 * SIGNATURES["grade"].shift[1])
     twin = next(one for one in found if one.name == "grade")
     found.append(type(twin)(**{**vars(twin), "name": "local_speed_reduction"}))
-    verdict = judge(found, TEMPERATURE, 0.0, False)
+    verdict = judge(found, 50.0, TEMPERATURE, 0.0, False)
     assert verdict.kind == "class"
     assert set(verdict.effects) == {"grade", "local_speed_reduction"}
 
 
 def test_with_few_drives_or_one_departure_nothing_is_named_alone():
     found = explained(noise(3) + 1.3 * SIGNATURES["grade"].shift[1])
-    assert judge(found, TEMPERATURE, 0.0, False).effects == ("grade",)
-    few = judge(found, TEMPERATURE, 0.0, True)
+    assert judge(found, 50.0, TEMPERATURE, 0.0, False).effects == ("grade",)
+    few = judge(found, 50.0, TEMPERATURE, 0.0, True)
     assert (few.kind, few.effects[0], len(few.effects)) == ("class", "grade", 2)
-    aliased = judge(found, TEMPERATURE, 0.0, False, ("grade", "keep_right"))
+    aliased = judge(found, 50.0, TEMPERATURE, 0.0, False, ("grade", "keep_right"))
     assert (aliased.kind, aliased.effects) == ("class", ("grade", "keep_right"))
-    assert judge(found, TEMPERATURE, 0.0, False, ("memory", "keep_right")).kind == "effect"
+    assert judge(found, 50.0, TEMPERATURE, 0.0, False, ("memory", "keep_right")).kind == "effect"
 
 
 @pytest.mark.parametrize("power", [1.0, 1.5, 2.0])
@@ -168,11 +168,23 @@ def test_rounding_is_read_from_the_values():
     assert rounding_step(values) == 0.001
 
 
+def test_a_gain_that_one_drive_makes_is_no_effect():
+    found = explained(noise(3) + 1.3 * SIGNATURES["grade"].shift[1])
+    assert judge(found, 50.0, TEMPERATURE, 0.0, False).kind == "effect"
+    assert judge(found, 1.0, TEMPERATURE, 0.0, False).kind == "no_gap"
+    assert probabilities(found, 1.0, TEMPERATURE)[NONE] > 0.1
+
+
 @settings(max_examples=40, deadline=None)
-@given(seed=st.integers(0, 10_000), size=st.floats(0.0, 50.0), temperature=st.floats(1.0, 50.0))
-def test_probabilities_sum_to_one(seed: int, size: float, temperature: float):
+@given(
+    seed=st.integers(0, 10_000),
+    size=st.floats(0.0, 50.0),
+    least=st.floats(-5.0, 500.0),
+    temperature=st.floats(1.0, 50.0),
+)
+def test_probabilities_sum_to_one(seed: int, size: float, least: float, temperature: float):
     found = explained(noise(seed) + size * SIGNATURES["memory"].shift[1])
-    values = probabilities(found, temperature)
+    values = probabilities(found, least, temperature)
     assert sum(values.values()) == pytest.approx(1.0, abs=1e-9)
     assert min(values.values()) >= 0.0
     assert set(values) == {NONE, UNKNOWN, *SIGNATURES}
@@ -273,15 +285,15 @@ def test_two_effects_are_found_together_and_not_in_the_errors_of_one():
 
 def test_two_effects_are_named_where_both_are_sure():
     both = explained(noise(3) + 2.0 * SIGNATURES["grade"].shift[1] + 2.0 * SIGNATURES["memory"].shift[1])
-    two = judge(both, TEMPERATURE, 0.0, False, (), ("grade", "memory"))
+    two = judge(both, 50.0, TEMPERATURE, 0.0, False, (), ("grade", "memory"))
     assert (two.kind, two.effects) == ("pair", ("grade", "memory"))
-    one = judge(both, TEMPERATURE, 0.0, False, (), ("memory",))
+    one = judge(both, 50.0, TEMPERATURE, 0.0, False, (), ("memory",))
     assert (one.kind, one.effects) == ("effect", ("memory",))
     for verdict in (two, one):
         assert sum(verdict.probability.values()) == pytest.approx(1.0)
-    assert judge(explained(noise(4)), TEMPERATURE, 0.0, False, (), ("grade", "memory")).kind == "no_gap"
-    assert judge(both, TEMPERATURE, 0.0, True, (), ("grade", "memory")).kind != "pair"  # too few drives
-    assert judge(both, TEMPERATURE, 0.0, False, ("grade", "blockage"), ("grade", "memory")).kind != "pair"
+    assert judge(explained(noise(4)), 50.0, TEMPERATURE, 0.0, False, (), ("grade", "memory")).kind == "no_gap"
+    assert judge(both, 50.0, TEMPERATURE, 0.0, True, (), ("grade", "memory")).kind != "pair"  # too few drives
+    assert judge(both, 50.0, TEMPERATURE, 0.0, False, ("grade", "blockage"), ("grade", "memory")).kind != "pair"
 
 
 def in_own_unit(name: str) -> Signature:

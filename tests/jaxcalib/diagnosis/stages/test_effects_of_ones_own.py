@@ -25,6 +25,7 @@ from jaxcalib.diagnosis.features.features import DriveTallies, gather_tallies
 from jaxcalib.diagnosis.inference.atlas import parameter_trials
 from jaxcalib.diagnosis.inference.baseline import Baseline
 from jaxcalib.diagnosis.inference.investigation import prepare
+from jaxcalib.diagnosis.inference.marginal_likelihood import best_gain
 from jaxcalib.diagnosis.inference.overdispersion import LEAST_TEMPERATURE
 from jaxcalib.diagnosis.inference.verdict import judge
 from jaxcalib.diagnosis.runs.finished_parts import FinishedParts
@@ -273,7 +274,7 @@ def diagnosed(null: Null, field: Sequence[DriveTable]) -> tuple[Tried, Any]:
     book = TrialBook(null.runner, FinishedParts(None), "", null.trials, lambda number: None)
     tried = try_effects(session, baseline, book)
     null.trials.update(book.run("known", ()))  # the next field meets the same trials
-    return tried, judge(tried.explained, LEAST_TEMPERATURE, 0.0, False)
+    return tried, judge(tried.explained, best_gain(tried.explained), LEAST_TEMPERATURE, 0.0, False)
 
 
 def field_of(settings: dict[str, EffectSetting]) -> list[DriveTable]:
