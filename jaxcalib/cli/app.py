@@ -397,6 +397,7 @@ def validate(
     seeds: Annotated[int, Parameter(validator=Number(gte=3, lte=1000))] = 20,
     drives: Literal["held_out", "fit"] | None = None,
     counts: Path | None = None,
+    margins: Path | None = None,
     resume: Annotated[bool, Parameter(negative="")] = False,
     cluster: str | None = None,
     profile: Annotated[bool, Parameter(negative="")] = False,
@@ -420,6 +421,8 @@ def validate(
         Role of the drives to judge by: held_out or fit; held-out drives where there are any.
     counts
         Table of counted vehicles (docs/validate.md); GEH and FHWA 2019 need one.
+    margins
+        TOML file with margins within which quantities count as the same (docs/validate.md).
     resume
         Go on with a validation that was stopped.
     cluster
@@ -431,7 +434,9 @@ def validate(
     """
     from jaxcalib.cli.validate_command import ValidateOptions, run_validation
 
-    return run_validation(ValidateOptions(case, run, out, seeds, drives, counts, resume, cluster, profile, quiet))
+    return run_validation(
+        ValidateOptions(case, run, out, seeds, drives, counts, margins, resume, cluster, profile, quiet)
+    )
 
 
 def main() -> None:

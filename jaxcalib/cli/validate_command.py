@@ -1,5 +1,6 @@
 """`jaxcalib validate` as a person meets it: messages and exit codes."""
 
+from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -22,6 +23,7 @@ class ValidateOptions:
     seeds: int
     drives: Literal["held_out", "fit"] | None
     counts: Path | None
+    margins: Path | None
     resume: bool
     cluster: str | None
     profile: bool
@@ -36,7 +38,8 @@ def run_validation(options: ValidateOptions) -> int:
         with profiled(options.profile), Silent() if options.quiet else TerminalProgress() as progress:
             result = validate(
                 options.case, options.run, options.out, seeds=options.seeds, drives=options.drives,
-                counts=options.counts, resume=options.resume, cluster=options.cluster, progress=progress,
+                counts=options.counts, margins=options.margins, resume=options.resume, cluster=options.cluster,
+                progress=progress,
             )  # fmt: skip
             print_profile()
         return "" if options.quiet else _summary(result, folder)
@@ -53,6 +56,8 @@ def _summary(result: ValidationResult, folder: Path) -> str:
             continue
         bound = f"{'at most' if one.is_upper else 'at least'} {one.limit:.4g}"
         lines.append(f"  {'pass' if one.passes else 'FAIL'}  {one.name}: {one.value:.4g} ({bound}; {one.standard})")
+    said = Counter(one["verdict"] for one in result.equivalence.values())
+    lines += ["", "within the margins: " + ", ".join(f"{number} {words}" for words, number in said.most_common())]
     verdict = "valid" if result.is_valid else "not valid"
     lines += ["", f"{verdict}, by {result.num_rounds} rounds of {len(result.drives)} {result.role} drives"]
     lines += [*(f"warning: {line}" for line in result.warnings), f"report: {folder / 'validation.html'}"]

@@ -52,3 +52,29 @@ def distances_figure(result: ValidationResult) -> str:
         axes.set_xlabel("distance from the field, 1 = what a round of simulated drives exceeds in 5 % of the cases")
 
     return svg(draw, 7.2, 0.26 * len(rows) + 0.9)
+
+
+def margins_figure(result: ValidationResult) -> str:
+    """Return the difference of each quantity from the field's with its 90 % interval, in multiples of its margin."""
+    known = {name: entry for name, entry in result.equivalence.items() if entry["interval_90"]}
+    height = np.arange(len(known))[::-1]
+    colors = {"equivalent": AFTER, "different": BEFORE}
+
+    def draw(axes: Axes) -> None:
+        axes.axvspan(-1.0, 1.0, color=NOISE, alpha=0.6, lw=0, label="within the margin")
+        axes.axvline(0.0, color=FIELD, lw=0.6)
+        for place, entry in zip(height, known.values(), strict=True):
+            low, middle, high = (
+                float(np.clip(share / entry["margin"], -CLIP, CLIP))
+                for share in (entry["interval_90"][0], entry["difference"], entry["interval_90"][1])
+            )
+            color = colors.get(entry["verdict"], FIELD)
+            axes.plot([low, high], [place, place], "-", color=color, lw=1.6)
+            axes.plot([middle], [place], "o", color=color, ms=4.5)
+        axes.set_yticks(height, [name.replace("_", " ") for name in known], fontsize=7)
+        axes.set_xlim(-CLIP - 0.2, CLIP + 0.2)
+        axes.set_ylim(-1, len(known))
+        axes.set_xlabel("simulated less field, in margins; line: 90 % interval")
+        axes.legend(frameon=False, loc="upper right", fontsize=7)
+
+    return svg(draw, 7.2, 0.26 * len(known) + 1.0)

@@ -23,6 +23,7 @@ class ValidationResult(msgspec.Struct, frozen=True):
         trajectories: errors of single trajectories, by kind.
         travel_times: by drive.
         errors: Eqs. 23-36 with 90 % interval and noise floor.
+        equivalence: of each quantity that gives an MoE, whether it is the same within a margin.
         volumes: volumes that the subject vehicle saw, by section, with their GEH.
         counts: counted and simulated volumes, where there are counts.
         health: what went wrong in the runs, counted.
@@ -33,6 +34,7 @@ class ValidationResult(msgspec.Struct, frozen=True):
         warnings: what a user should know.
         versions: of the program and its libraries.
         commit: of the program.
+        profile: with `--profile` where the time has gone by kind of work; None otherwise.
     """
 
     case: str
@@ -46,6 +48,7 @@ class ValidationResult(msgspec.Struct, frozen=True):
     trajectories: dict[str, Any]
     travel_times: dict[str, Any]
     errors: dict[str, Any]
+    equivalence: dict[str, Any]
     volumes: list[dict[str, Any]]
     counts: list[dict[str, Any]]
     health: SimulationHealth

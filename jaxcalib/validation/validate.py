@@ -2,7 +2,7 @@
 
 import os
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
@@ -15,6 +15,7 @@ from jaxcalib.calibration.stages.evaluator import AllRunsFailedError, gather
 from jaxcalib.case.case import Role
 from jaxcalib.cluster.opening import sumo_workers_at
 from jaxcalib.errors import CaseError
+from jaxcalib.measures.measure import Moe
 from jaxcalib.problem.engines import prepare_devices, sumo_engine
 from jaxcalib.problem.problem import CalibrationProblem, read_problem
 from jaxcalib.runs.disk import check_out, check_outside
@@ -33,6 +34,7 @@ from jaxcalib.validation.comparison import (
     travel_time_table,
 )
 from jaxcalib.validation.counts import FieldCounts, count_criteria, count_volumes, read_counts
+from jaxcalib.validation.equivalence import compare_within_margins
 from jaxcalib.validation.errors_by_chance import error_table
 from jaxcalib.validation.judgement import (
     chance_criteria,
@@ -40,6 +42,7 @@ from jaxcalib.validation.judgement import (
     health_criteria,
     travel_time_criterion,
 )
+from jaxcalib.validation.margins import Margin, read_margins
 from jaxcalib.validation.observer import DriveObserver
 from jaxcalib.validation.prediction import FEWEST_ROUNDS
 from jaxcalib.validation.report import validation_html
@@ -59,6 +62,7 @@ def validate(
     seeds: int = 20,
     drives: Literal["held_out", "fit"] | None = None,
     counts: Path | str | None = None,
+    margins: Path | str | None = None,
     resume: bool = False,
     cluster: str | None = None,
     progress: Progress | None = None,
@@ -72,6 +76,7 @@ def validate(
         seeds: rounds of drives; each drive is run once in each, on a seed of its own.
         drives: role of the drives that it is judged by; held-out drives where there are any unless given.
         counts: table of counted vehicles, for GEH and the criteria of FHWA 2019.
+        margins: TOML file with margins within which quantities count as the same, instead of the usual ones.
         resume: go on with a validation that was stopped.
         cluster: address of a dask scheduler whose workers make SUMO's runs; None for this machine.
         progress: told how far it is.
@@ -97,6 +102,7 @@ def validate(
     if not problem.departs_s(role):
         raise CaseError("command line", "--drives", f"expected a role that drives of the case have, got {role}.")
     counted = None if counts is None else read_counts(Path(counts), problem)
+    within = read_margins(None if margins is None else Path(margins))
     options = {
         "validate": list(calibrated.values), "seeds": seeds, "drives": role, "first": calibrated.first_seed,
         "counts": None if counted is None else [list(counted.places), np.nan_to_num(counted.vehicles, nan=-1).tolist()],
@@ -108,7 +114,7 @@ def validate(
             folder, identity, progress=progress, resume=resume, began_s=began_s, sumo_workers=workers
         ) as session,
     ):
-        result = _validate(problem, calibrated, role, seeds, counted, session)
+        result = _validate(problem, calibrated, role, seeds, counted, within, session)
         session.folder.write_text("validation.json", to_json(result))
         session.folder.write_text("validation.html", validation_html(result))
     return result
@@ -120,6 +126,7 @@ def _validate(
     role: Role,
     seeds: int,
     counted: FieldCounts | None,
+    margins: Mapping[Moe, Margin],
     session: Session,
 ) -> ValidationResult:
     observer = DriveObserver(problem)
@@ -145,6 +152,9 @@ def _validate(
     names = tuple(drive.id for drive in problem.case.drives_of(role))
     travel_times = travel_time_table(names, field, simulated)
     errors = error_table(problem, role, simulated, outcomes)
+    equivalence = compare_within_margins(
+        problem.measures, margins, problem.tally_names, field, simulated, np.random.default_rng(0)
+    )
     criteria = [
         *health_criteria(outcomes),
         *chance_criteria(measures, distributions, trajectories, errors),
@@ -163,6 +173,7 @@ def _validate(
         trajectories=trajectories,
         travel_times=travel_times,
         errors=errors,
+        equivalence=equivalence,
         volumes=_seen_volumes(problem, measures),
         counts=[_volume_entry(volume) for volume in count_volumes(counted, simulated_counts)] if counted else [],
         health=health_of(outcomes),

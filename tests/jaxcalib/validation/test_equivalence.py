@@ -1,0 +1,105 @@
+"""The same within a margin: how often it is said wrongly, when it is said rightly, and what is asked for otherwise."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from jaxcalib.errors import CaseError
+from jaxcalib.measures.measure import Level, Measure, Moe
+from jaxcalib.validation.equivalence import DIFFERENT, EQUIVALENT, OPEN, _verdict, compare_within_margins
+from jaxcalib.validation.margins import MARGINS, USER, Margin, read_margins
+from jaxcalib.validation.observer import ObservedDrives
+
+MEASURES = {
+    "traffic_speed_mps": Measure("traffic_speed_mps", "", Level.TRAFFIC, "distance", "time", moe=Moe.TRAFFIC_SPEED),
+    "other": Measure("other", "", Level.TRAFFIC, "distance", "time"),
+}
+NAMES = ("distance", "time")
+
+
+def observed(random: np.random.Generator, speed_mps: float, *shape: int) -> ObservedDrives:
+    """Return drives of unequal length whose speeds scatter by a tenth."""
+    time_s = random.uniform(40.0, 120.0, shape)
+    speeds = speed_mps * random.normal(1.0, 0.1, shape)
+    return ObservedDrives(np.stack([speeds * time_s, time_s], axis=-1), {}, np.zeros((*shape, 1)))
+
+
+def compared(seed: int, num_drives: int, simulated_mps: float, share: float = 0.1) -> dict:
+    random = np.random.default_rng(seed)
+    field, rounds = observed(random, 20.0, num_drives), observed(random, simulated_mps, 12, num_drives)
+    margins = dict.fromkeys(Moe, Margin(share, "here"))
+    return compare_within_margins(MEASURES, margins, NAMES, field, rounds, random)["traffic_speed_mps"]
+
+
+@pytest.mark.parametrize("num_drives", [4, 8])
+def test_what_is_as_far_apart_as_the_margin_is_called_the_same_in_one_of_twenty_cases(num_drives: int):
+    said = [compared(seed, num_drives, 22.0)["verdict"] for seed in range(150)]
+    assert stats.binomtest(said.count(EQUIVALENT), len(said), 0.05, alternative="greater").pvalue > 1e-3
+    assert said.count(DIFFERENT) <= 0.1 * len(said)
+
+
+def test_enough_drives_show_that_two_are_the_same_and_that_two_are_not():
+    same = [compared(seed, 40, 20.2) for seed in range(10)]
+    assert [one["verdict"] for one in same].count(EQUIVALENT) >= 9
+    assert all(one["more_drives"] == 0 for one in same if one["verdict"] == EQUIVALENT)
+    other = [compared(seed, 40, 25.0) for seed in range(10)]
+    assert {one["verdict"] for one in other} == {DIFFERENT}
+    low, high = other[0]["interval_90"]
+    assert low < other[0]["difference"] < high
+    assert other[0]["source"] == "here"
+    assert "other" not in compare_within_margins(
+        MEASURES, MARGINS, NAMES, observed(np.random.default_rng(1), 20.0, 4),
+        observed(np.random.default_rng(2), 20.0, 4, 4), np.random.default_rng(3),
+    )  # fmt: skip
+
+
+def test_what_nothing_is_known_of_stays_open():
+    assert compared(1, 2, 20.0)["verdict"] == OPEN  # too few drives to know an error
+    assert compared(1, 2, 20.0)["more_drives"] is None
+    nothing = ObservedDrives(np.zeros((4, 2)), {}, np.zeros((4, 1)))
+    rounds = observed(np.random.default_rng(2), 20.0, 5, 4)
+    found = compare_within_margins(MEASURES, MARGINS, NAMES, nothing, rounds, np.random.default_rng(3))
+    assert found["traffic_speed_mps"]["verdict"] == OPEN
+    assert found["traffic_speed_mps"]["note"] == "never observed"
+
+
+def test_the_drives_that_are_asked_for_would_tell():
+    """With n times the drives the interval is narrower by the root of n."""
+    entry = _verdict(0.04, 0.09, 6.0, 0.1, 8)
+    assert entry["verdict"] == OPEN
+    more = entry["more_drives"]
+    for number, verdict in ((more, EQUIVALENT), (more - 1, OPEN)):
+        narrower = 0.09 * np.sqrt(8 / (8 + number))
+        assert _verdict(0.04, narrower, 6.0, 0.1, 8 + number)["verdict"] == verdict
+    assert _verdict(-0.2, 0.15, 6.0, 0.1, 8)["more_drives"] == 10  # to show that it is different
+    assert _verdict(0.1, 0.15, 6.0, 0.1, 8)["more_drives"] == 999
+
+
+def test_margins_are_changed_in_one_table(tmp_path: Path):
+    file = tmp_path / "margins.toml"
+    file.write_text("[margins]\ncut_ins = 0.5\n", encoding="utf-8")
+    margins = read_margins(file)
+    assert margins[Moe.CUT_INS] == Margin(0.5, USER)
+    assert margins[Moe.TRAFFIC_SPEED] == MARGINS[Moe.TRAFFIC_SPEED]
+    assert read_margins(None) == MARGINS
+    assert set(MARGINS) == set(Moe)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("[margins]\ncutins = 0.5\n", "cut_ins"),
+        ("[margins]\ncut_ins = 0\n", "above 0"),
+        ("[margins]\ncut_ins = 'a'\n", "expected TOML"),
+        ("[margin]\n", "expected TOML"),
+        ("cut_ins = \n", "expected TOML"),
+    ],
+)
+def test_wrong_margins_are_refused_by_name(tmp_path: Path, text: str, said: str):
+    file = tmp_path / "margins.toml"
+    file.write_text(text, encoding="utf-8")
+    with pytest.raises(CaseError, match=said) as error:
+        read_margins(file)
+    assert "margins.toml" in str(error.value)
