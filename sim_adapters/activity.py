@@ -30,9 +30,7 @@ class Ledger:
     began_s: float = field(default_factory=time.perf_counter)
     began_cpu_s: float = field(default_factory=time.process_time)
     here_s: dict[Activity, float] = field(default_factory=lambda: defaultdict(float))  # of that thread
-    beside_s: dict[Activity, float] = field(
-        default_factory=lambda: defaultdict(float)
-    )  # of others of this process
+    beside_s: dict[Activity, float] = field(default_factory=lambda: defaultdict(float))  # of others of this process
     sumo_cpu_s: float = 0.0  # processor time of SUMO's processes on this machine
 
     def enter(self, activity: Activity, seconds: float) -> None:
