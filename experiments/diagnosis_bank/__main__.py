@@ -1,7 +1,7 @@
 """`python -m experiments.diagnosis_bank`: keeps what diagnoses ran, and judges it anew."""
 
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -69,10 +69,8 @@ def judge(
     _check_links(off)
     console = Console()
     hashes = {}
-    for folder in case_folders(cases):
-        if folder.parent.name == "twins" or not (bank / folder.name / ANSWER).is_file():
-            continue
-        case = KeptCase(folder, bank / folder.name)
+    for case in kept_cases(cases, bank):
+        folder = case.case
         began_s = time.perf_counter()
         try:
             with without(off or ()), case.session(may_run) as session:
@@ -144,17 +142,24 @@ def nulls(
     """
     _check_links(off)
     found = []
-    for folder in case_folders(cases):
-        if folder.parent.name != "twins" and (bank / folder.name / ANSWER).is_file():
-            with without(off or ()):
-                found += judge_made_up_nulls(KeptCase(folder, bank / folder.name), fields)
-            print(folder.name, *(each.kind for each in found[-fields:]), flush=True)
+    for case in kept_cases(cases, bank):
+        with without(off or ()):
+            said = list(judge_made_up_nulls(case, fields))
+        print(case.case.name, *(each.kind for each in said), flush=True)
+        found += said
     rows = by_road(found)
     title = "Fields without any effect, made of null runs, by road"
     Console().print(as_table(rows, title))
     if record:
         keep("diagnosis", "made_up_nulls", rows, title)
     return 0
+
+
+def kept_cases(cases: Path, bank: Path) -> Iterator[KeptCase]:
+    """Return the cases of a folder that a bank holds; twins have no runs of their own."""
+    for folder in case_folders(cases):
+        if folder.parent.name != "twins" and (bank / folder.name / ANSWER).is_file():
+            yield KeptCase(folder, bank / folder.name)
 
 
 def _check_links(names: Sequence[str] | None) -> None:

@@ -57,8 +57,9 @@ def calibrate(
     """
     from jaxcalib.calibration.pipeline import calibrate as run
     from jaxcalib.cli.guarded import guarded
-    from jaxcalib.cli.profile_table import print_profile, profiled
+    from jaxcalib.cli.profile_table import print_profile
     from jaxcalib.cli.terminal import TerminalProgress, summary
+    from jaxcalib.runs.profile import profiled
     from jaxcalib.runs.progress import Silent
 
     def work() -> str:
@@ -243,9 +244,10 @@ def diagnose(
     """
     from jaxcalib.cli.diagnosis_summary import summary
     from jaxcalib.cli.guarded import guarded
-    from jaxcalib.cli.profile_table import print_profile, profiled
+    from jaxcalib.cli.profile_table import print_profile
     from jaxcalib.cli.terminal import TerminalProgress
     from jaxcalib.diagnosis.run import diagnose as run
+    from jaxcalib.runs.profile import profiled
     from jaxcalib.runs.progress import Silent
 
     def work() -> str:

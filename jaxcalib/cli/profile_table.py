@@ -3,9 +3,7 @@
 from rich.console import Console
 from rich.table import Table
 
-from jaxcalib.runs.profile import profile, profiled
-
-__all__ = ["print_profile", "profiled"]
+from jaxcalib.runs.profile import profile
 
 
 def print_profile(console: Console | None = None) -> None:

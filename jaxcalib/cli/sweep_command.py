@@ -10,8 +10,9 @@ import pyarrow.parquet as pq
 
 from jaxcalib.calibration.stages.evaluator import AllRunsFailedError
 from jaxcalib.cli.guarded import guarded
-from jaxcalib.cli.profile_table import print_profile, profiled
+from jaxcalib.cli.profile_table import print_profile
 from jaxcalib.errors import CaseError
+from jaxcalib.runs.profile import profiled
 from jaxcalib.runs.progress import Silent
 from jaxcalib.runs.sweep_progress import TerminalSweepProgress
 from jaxcalib.sweeps.options import SweepOptions

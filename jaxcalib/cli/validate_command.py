@@ -6,8 +6,9 @@ from pathlib import Path
 from typing import Literal
 
 from jaxcalib.cli.guarded import guarded
-from jaxcalib.cli.profile_table import print_profile, profiled
+from jaxcalib.cli.profile_table import print_profile
 from jaxcalib.cli.terminal import TerminalProgress
+from jaxcalib.runs.profile import profiled
 from jaxcalib.runs.progress import Silent
 from jaxcalib.validation.result import ValidationResult
 from jaxcalib.validation.validate import FOLDER, validate

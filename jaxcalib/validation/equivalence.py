@@ -12,7 +12,7 @@ Sources: Schuirmann (1987), J. Pharmacokinet. Biopharm. 15, 657-680; the bootstr
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -71,21 +71,21 @@ def compare_within_margins(
         fewest = min(FEWEST_EVENTS, len(field.tally))  # what each drive shows once is one for each
         if not in_field.is_valid or in_field.num_observations < fewest or in_field.value == 0.0:
             words = in_field.reason or f"fewer than {fewest:.0f} observations in the field"
-            table[name] = (
-                entry | _verdict(math.nan, math.nan, math.nan, margin.share, len(field.tally)) | {"note": words}
-            )
+            table[name] = entry | _verdict(math.nan, math.nan, margin.share, len(field.tally)) | {"note": words}
             continue
         spread, freedom = _error(value, field.tally, of_rounds, random)
         difference = (value(of_rounds) - in_field.value) / in_field.value
         half_width = float(stats.t.ppf(1.0 - ONE_SIDED, freedom)) * spread / abs(in_field.value)
-        table[name] = entry | _verdict(difference, half_width, freedom, margin.share, len(field.tally)) | {"note": ""}
+        table[name] = entry | _verdict(difference, half_width, margin.share, len(field.tally)) | {"note": ""}
     return table
 
 
 def _error(
-    value: Any, drives: Float[np.ndarray, "drive tally"], rounds: Float[np.ndarray, "round tally"],
+    value: Callable[[np.ndarray], float],
+    drives: Float[np.ndarray, "drive tally"],
+    rounds: Float[np.ndarray, "round tally"],
     random: np.random.Generator,
-) -> tuple[float, float]:  # fmt: skip
+) -> tuple[float, float]:
     """Return the standard error of the difference between rounds and drives, and its degrees of freedom."""
     variances, freedoms = [], []
     for several in (drives, rounds):
@@ -104,9 +104,9 @@ def _error(
     return math.sqrt(total), total**2 / shares
 
 
-def _verdict(difference: float, half_width: float, freedom: float, margin: float, num_drives: int) -> dict[str, Any]:
+def _verdict(difference: float, half_width: float, margin: float, num_drives: int) -> dict[str, Any]:
     """Return the verdict on a difference whose 90 % interval reaches as far to either side."""
-    is_known = math.isfinite(difference) and math.isfinite(half_width) and math.isfinite(freedom)
+    is_known = math.isfinite(difference) and math.isfinite(half_width)
     entry: dict[str, Any] = {
         "difference": rounded(difference),
         "interval_90": [rounded(difference - half_width), rounded(difference + half_width)] if is_known else None,

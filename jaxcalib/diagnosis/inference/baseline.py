@@ -8,6 +8,7 @@ by what the move changes there.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from jaxcalib.diagnosis.features.noise import NullModel
 from jaxcalib.diagnosis.inference.atlas import parameter_trials
 from jaxcalib.diagnosis.inference.investigation import NotTestableError, Prepared, prepare
 from jaxcalib.diagnosis.inference.ledger import parameter_shift
+from jaxcalib.diagnosis.inference.overdispersion import misfit_by_chance
 from jaxcalib.diagnosis.runs.explained_runs import LEAST_VALUE_SHARE
 from jaxcalib.diagnosis.runs.finished_parts import FinishedParts
 from jaxcalib.diagnosis.runs.null_runs import NullRuns
@@ -57,6 +59,11 @@ class Baseline:
     def shift(self) -> np.ndarray:
         """By how much all features would move the parameters, in steps."""
         return parameter_shift(self.fitted.difference, self.fitted.null)
+
+    @cached_property
+    def by_chance(self) -> float:
+        """Squared misfit that as many drives leave in the median where nothing is missing."""
+        return misfit_by_chance(self.runs.plain, self.fitted.null, len(self.fitted.tallies))
 
     @property
     def misfit(self) -> float:

@@ -2,7 +2,6 @@
 
 from jaxcalib.diagnosis.inference.baseline import Baseline
 from jaxcalib.diagnosis.inference.marginal_likelihood import best_gain
-from jaxcalib.diagnosis.inference.overdispersion import misfit_by_chance
 from jaxcalib.diagnosis.inference.sumo_check import Checked, check_in_sumo, worth_a_look
 from jaxcalib.diagnosis.inference.verdict import LEAST_EVIDENCE
 from jaxcalib.diagnosis.stages.session import DiagnosisSession
@@ -16,12 +15,11 @@ def check_best(session: DiagnosisSession, baseline: Baseline, tried: Tried) -> C
         return Checked(tried.explained, tried.signatures, ())
     session.progress.stage("check")
     with session.stopwatch.time("check"):
-        by_chance = misfit_by_chance(baseline.runs.plain, baseline.fitted.null, int(session.is_fit.sum()))
         return check_in_sumo(
             baseline.fitted.null,
             baseline.runs.plain,
             tried.signatures,
-            worth_a_look(tried.explained, by_chance),
+            worth_a_look(tried.explained, baseline.by_chance),
             explaining(session, baseline, tried.num_places),
             lambda name: is_expressible(session.problem.scenario, name),
             baseline.in_sumo.with_effect,

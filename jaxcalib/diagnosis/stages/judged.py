@@ -15,7 +15,7 @@ from jaxcalib.diagnosis.inference.investigation import (
 )
 from jaxcalib.diagnosis.inference.leave_one_out import least_gain
 from jaxcalib.diagnosis.inference.marginal_likelihood import Explained, best_gain
-from jaxcalib.diagnosis.inference.overdispersion import misfit_by_chance, temperature
+from jaxcalib.diagnosis.inference.overdispersion import temperature
 from jaxcalib.diagnosis.inference.pairs import Pairs, judge_pairs
 from jaxcalib.diagnosis.inference.sumo_check import Checked
 from jaxcalib.diagnosis.inference.verdict import LEAST_EVIDENCE, Verdict, judge
@@ -64,7 +64,6 @@ def judge_drives(
     problem, is_fit, fitted = session.problem, session.is_fit, baseline.fitted
     with session.stopwatch.time("evidence"):
         gain, pairs = best_gain(checked.explained), None
-        by_chance = misfit_by_chance(baseline.runs.plain, fitted.null, int(is_fit.sum()))
         if gain > LEAST_EVIDENCE and is_fit.sum() > 1:
             gain = min(gain, _least_gain(session, baseline, num_places, checked))
         if gain > LEAST_EVIDENCE:
@@ -74,7 +73,7 @@ def judge_drives(
                 checked.explained,
                 checked.signatures,
                 num_places,
-                by_chance,
+                baseline.by_chance,
             )
         held_out = None
         if not is_fit.all():
@@ -82,7 +81,7 @@ def judge_drives(
                 held_out = prepare(problem, baseline.field.take(~is_fit), baseline.runs, baseline.trials)
         grounds = Grounds(
             least_gain=gain,
-            by_chance=by_chance,
+            by_chance=baseline.by_chance,
             shift_errors=shift_in_errors(problem, baseline.values, fitted),
             few_drives=int(is_fit.sum()) < FEW_DRIVES,
             aliased=aliased_effects(problem),

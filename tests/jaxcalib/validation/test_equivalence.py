@@ -67,14 +67,14 @@ def test_what_nothing_is_known_of_stays_open():
 
 def test_the_drives_that_are_asked_for_would_tell():
     """With n times the drives the interval is narrower by the root of n."""
-    entry = _verdict(0.04, 0.09, 6.0, 0.1, 8)
+    entry = _verdict(0.04, 0.09, 0.1, 8)
     assert entry["verdict"] == OPEN
     more = entry["more_drives"]
     for number, verdict in ((more, EQUIVALENT), (more - 1, OPEN)):
         narrower = 0.09 * np.sqrt(8 / (8 + number))
-        assert _verdict(0.04, narrower, 6.0, 0.1, 8 + number)["verdict"] == verdict
-    assert _verdict(-0.2, 0.15, 6.0, 0.1, 8)["more_drives"] == 10  # to show that it is different
-    assert _verdict(0.1, 0.15, 6.0, 0.1, 8)["more_drives"] == 999
+        assert _verdict(0.04, narrower, 0.1, 8 + number)["verdict"] == verdict
+    assert _verdict(-0.2, 0.15, 0.1, 8)["more_drives"] == 10  # to show that it is different
+    assert _verdict(0.1, 0.15, 0.1, 8)["more_drives"] == 999
 
 
 def test_margins_are_changed_in_one_table(tmp_path: Path):
