@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from jaxcalib.diagnosis.inference import marginal_likelihood
 from jaxcalib.diagnosis.inference.marginal_likelihood import (
     KNEE,
     Explained,
     explain,
-    explain_none,
     squeezed,
 )
 from jaxcalib.diagnosis.inference.overdispersion import LEAST_TEMPERATURE, misfit_by_chance, temperature
@@ -27,12 +27,20 @@ def test_small_differences_count_as_they_are_and_large_ones_by_their_logarithm(d
     assert abs(told - difference) <= abs(difference) ** 3 / (6.0 * KNEE**2)  # the series' next term bounds the rest
 
 
-def test_one_feature_far_off_does_not_outvote_the_others():
+def test_one_feature_far_off_does_not_outvote_the_others(monkeypatch: pytest.MonkeyPatch):
+    """A feature in which another effect shows most stands far off; as it is, it would decide."""
+    wrong = SIGNATURES["keep_right"].shift[1]
+    feature = int(np.argmax(np.abs(wrong) - np.abs(SIGNATURES["memory"].shift[1])))
     field = noise(4) + 1.5 * SIGNATURES["memory"].shift[1]
-    field[3] += 60.0
-    none = explain_none(field, NULL).log_evidence
-    gains = {name: explain(field, NULL, [one], 1.0).log_evidence - none for name, one in SIGNATURES.items()}
-    assert max(gains, key=gains.__getitem__) == "memory"
+    field[feature] += 60.0 * np.sign(wrong[feature])
+
+    def best() -> str:
+        found = {name: explain(field, NULL, [one], 1.0).log_evidence for name, one in SIGNATURES.items()}
+        return max(found, key=found.__getitem__)
+
+    assert best() == "memory"
+    monkeypatch.setattr(marginal_likelihood, "KNEE", 1e6)
+    assert best() == "keep_right"
 
 
 def test_what_is_expected_of_an_effect_is_told_in_units_of_noise():
