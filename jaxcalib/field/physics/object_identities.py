@@ -6,27 +6,17 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from jaxcalib.field.physics.contradiction import LENGTH_UNITS, SIGNIFICANT, SPEED_UNITS, Contradiction, merged
-from jaxcalib.field.physics.linear_fit import fit_linear
-from jaxcalib.field.physics.motion import (
-    BLOCKS_PER_DRIVE,
-    DriveMotion,
-    ObjectWindows,
-    integral_of,
-    object_windows,
-)
+from jaxcalib.field.physics.contradiction import LENGTH_UNITS, SPEED_UNITS, Contradiction, merged
+from jaxcalib.field.physics.motion import BLOCKS_PER_DRIVE, DriveMotion, ObjectWindows, object_windows
+from jaxcalib.field.physics.object_scales import LARGEST_OFFSET_S, JudgedDrive, measure_scales, subject_m
 
-LARGEST_OFFSET_S = 30.0  # between the clocks of both tables that is looked for
 OFFSET_STEP_S = 0.5
-LEAST_OFFSET_S, REFUSED_OFFSET_S = 0.25, 2.0  # steps of simulators make up to 0.2 s
-LEAST_SPEED_CHANGE_MPS = 0.2  # of the subject vehicle in a window, typically, without which no offset shows
-LEAST_OFF = 0.02  # relative, of distances and of the objects' speeds
+REFUSED_OFFSET_S = 2.0
 CLEARLY_BETTER = 0.5  # of what is left unexplained, by which another reading must be better than the log's own
 MOST_LEFT_M, MOST_LEFT = 0.8, 0.2  # in metres, and of what the log's own reading leaves: with more nothing is explained
 LEAST_UNEXPLAINED_M = 1.0  # in a window: less is the noise of sensors
 MOST_UNEXPLAINED = 0.5  # of how far distances change, that no reading explains
 FEWEST_WINDOWS = 40
-NUM_ROUNDS = 2  # of the estimate of an offset, for speeds are not straight lines
 
 
 @dataclass(frozen=True)
@@ -87,7 +77,7 @@ def object_contradictions(motions: Sequence[DriveMotion], subject_speed_scale: S
         subject_speed_scale: by how much the subject vehicle's speeds are too small, in each of them.
     """
     refused: list[Contradiction] = []
-    others: list[_JudgedDrive] = []
+    others: list[JudgedDrive] = []
     for number, (motion, scale) in enumerate(zip(motions, subject_speed_scale, strict=True)):
         windows = object_windows(motion, BLOCKS_PER_DRIVE * number)
         if len(windows.moved_m) < FEWEST_WINDOWS:
@@ -98,18 +88,8 @@ def object_contradictions(motions: Sequence[DriveMotion], subject_speed_scale: S
                 Contradiction(kind, motion.objects_file, COLUMNS[kind], words, (motion.id,), is_refused=True)
             )
         else:
-            others.append(_JudgedDrive(motion, windows, scale))
+            others.append(JudgedDrive(motion, windows, scale))
     return merged(refused) + _fine_contradictions(others)
-
-
-def _subject_m(motion: DriveMotion, windows: ObjectWindows, scale: float, late_s: float = 0.0) -> np.ndarray:
-    """How far the subject vehicle drove in each window if the objects' clock is late; nan beyond its log."""
-    driven_m = scale * integral_of(motion.time_s, motion.speed_mps)
-    begin, end = (
-        np.interp(at_s - late_s, motion.time_s, driven_m, left=np.nan, right=np.nan)
-        for at_s in (windows.begin_s, windows.end_s)
-    )
-    return end - begin
 
 
 def _unexplained_m(expected_m: np.ndarray, windows: ObjectWindows) -> float:
@@ -120,12 +100,12 @@ def _unexplained_m(expected_m: np.ndarray, windows: ObjectWindows) -> float:
 
 def _judge_reading(motion: DriveMotion, windows: ObjectWindows, scale: float) -> tuple[str, str] | None:
     """Kind and words where the columns are not what they are said to be."""
-    subject_m = _subject_m(motion, windows, scale)
-    as_stated_m = _unexplained_m(AS_STATED.moved_m(windows, subject_m), windows)
+    own_m = subject_m(motion, windows, scale)
+    as_stated_m = _unexplained_m(AS_STATED.moved_m(windows, own_m), windows)
     if as_stated_m < LEAST_UNEXPLAINED_M:
         return None
-    best = min(READINGS, key=lambda reading: _unexplained_m(reading.moved_m(windows, subject_m), windows))
-    best_m = _unexplained_m(best.moved_m(windows, subject_m), windows)
+    best = min(READINGS, key=lambda reading: _unexplained_m(reading.moved_m(windows, own_m), windows))
+    best_m = _unexplained_m(best.moved_m(windows, own_m), windows)
     offset_s, offset_m = _best_offset(motion, windows, scale)
     typical_m = float(np.median(np.abs(windows.moved_m)))  # a reading under which nothing moves explains nothing
     most_m = max(MOST_LEFT_M, MOST_LEFT * as_stated_m)
@@ -151,69 +131,38 @@ def _best_offset(motion: DriveMotion, windows: ObjectWindows, scale: float) -> t
     """The offset of the objects' clock that explains most, and what it leaves unexplained."""
     offsets_s = np.arange(-LARGEST_OFFSET_S, LARGEST_OFFSET_S + OFFSET_STEP_S / 2, OFFSET_STEP_S)
     left = [
-        _unexplained_m(AS_STATED.moved_m(windows, _subject_m(motion, windows, scale, late_s)), windows)
+        _unexplained_m(AS_STATED.moved_m(windows, subject_m(motion, windows, scale, late_s)), windows)
         for late_s in offsets_s
     ]
     best = int(np.argmin(left))
     return float(offsets_s[best]), left[best]
 
 
-@dataclass(frozen=True)
-class _JudgedDrive:
-    """A drive whose columns are what they are said to be, nearly."""
-
-    motion: DriveMotion
-    windows: ObjectWindows
-    subject_speed_scale: float
-
-    def design(self, late_s: float) -> Float[np.ndarray, "window coefficient"]:
-        """What scales and delays multiply, if the objects' clock is late by so much."""
-        subject_m = _subject_m(self.motion, self.windows, self.subject_speed_scale, late_s)
-        speed_mps = self.subject_speed_scale * self.motion.speed_mps
-        begin, end = (np.interp(at_s - late_s, self.motion.time_s, speed_mps)
-                      for at_s in (self.windows.begin_s, self.windows.end_s))  # fmt: skip
-        driven_m = self.windows.driven_m
-        return np.stack([driven_m - subject_m, driven_m, end - begin, self.windows.faster_mps], axis=1)
-
-
-def _fine_contradictions(drives: Sequence[_JudgedDrive]) -> list[Contradiction]:
+def _fine_contradictions(drives: Sequence[JudgedDrive]) -> list[Contradiction]:
     """Scales and offsets too small to be a unit: of each drive, or else of all together."""
     alone = merged([one for drive in drives for one in _judge_scales([drive])])
     return alone or _judge_scales(drives)
 
 
-def _judge_scales(drives: Sequence[_JudgedDrive]) -> list[Contradiction]:
-    late_s, fit = 0.0, None
-    for _ in range(NUM_ROUNDS):
-        fit = fit_linear(
-            np.concatenate([drive.design(late_s) for drive in drives] or [np.zeros((0, 4))]),
-            np.concatenate([drive.windows.moved_m for drive in drives] or [np.zeros(0)]),
-            np.concatenate([drive.windows.block for drive in drives] or [np.zeros(0, int)]),
-        )
-        if fit is None or not fit.value[0] > 0.0:
-            return []
-        # speeds of both that are late by the same time change nothing between the tables
-        late_s += float(np.clip((fit.value[2] + fit.value[3]) / fit.value[0], -LARGEST_OFFSET_S, LARGEST_OFFSET_S))
-    assert fit is not None
+def _judge_scales(drives: Sequence[JudgedDrive]) -> list[Contradiction]:
+    scales = measure_scales(drives)
+    if scales is None:
+        return []
     motion, ids = drives[0].motion, tuple(drive.motion.id for drive in drives)
     found = []
 
     def note(kind: str, words: str, is_refused: bool = False) -> None:
         found.append(Contradiction(kind, motion.objects_file, COLUMNS[kind], words, ids, is_refused))
 
-    if fit.is_off(0, 1.0, LEAST_OFF, SIGNIFICANT):
-        size = f"{fit.value[0]:.3f} +- {fit.error[0]:.3f}"
+    if scales.distances_are_off:
+        size = f"{scales.distance_factor:.3f} +- {scales.distance_error:.3f}"
         note("distance_scale", f"distances change {size} times as fast as speeds say.")
-    if fit.is_off(1, 0.0, LEAST_OFF, SIGNIFICANT):
-        size = f"{1.0 + fit.value[1] / fit.value[0]:.3f} +- {fit.error[1]:.3f}"
+    if scales.speeds_are_off:
+        size = f"{scales.speed_factor:.3f} +- {scales.speed_error:.3f}"
         note("object_speed_scale", f"the objects drive {size} times as fast as speed_kmh says.")
-    error_s = float(np.hypot(fit.error[2], fit.error[3]))
-    changes_mps = np.concatenate([drive.design(0.0)[:, 2] for drive in drives])
-    if np.nanstd(changes_mps) < LEAST_SPEED_CHANGE_MPS:
-        return found
-    if abs(late_s) > max(LEAST_OFFSET_S, SIGNIFICANT * error_s):
-        way = "late" if late_s > 0 else "early"
-        size = f"{abs(late_s):.2f} +- {error_s:.2f} s {way}"
+    if scales.times_are_off:
+        way = "late" if scales.late_s > 0 else "early"
+        size = f"{abs(scales.late_s):.2f} +- {scales.late_error_s:.2f} s {way}"
         words = f"the objects' times are {size} against the subject vehicle's; put both on one clock."
-        note("clock_offset", words, is_refused=abs(late_s) > REFUSED_OFFSET_S)
+        note("clock_offset", words, is_refused=abs(scales.late_s) > REFUSED_OFFSET_S)
     return found
