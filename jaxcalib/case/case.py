@@ -1,7 +1,7 @@
 """A case: the folder that ties a SUMO scenario to the logs of drives on that road."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Literal
@@ -50,6 +50,10 @@ class Perception:
     ahead_m: float  # range ahead, front bumper to front bumper
     behind_m: float  # range behind
     nominal_length_m: float  # length assumed for a detected vehicle
+
+    def scaled(self, factor: float) -> "Perception":
+        """The same with another range."""
+        return replace(self, ahead_m=factor * self.ahead_m, behind_m=factor * self.behind_m)
 
 
 @dataclass(frozen=True)

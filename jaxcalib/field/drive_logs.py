@@ -11,6 +11,7 @@ from jaxcalib.field.log_tables import EmptyLogError, read_object_log, read_subje
 from jaxcalib.field.own_path import own_path_geometry
 from jaxcalib.field.physics.judgement import judge_drives
 from jaxcalib.field.route_geometry import RouteGeometry, build_route_geometry
+from jaxcalib.field.sensor_errors import HONEST, SensorErrors, measure_sensors
 from sim_adapters.scenario.road_builder import RowMap
 
 
@@ -26,13 +27,16 @@ class DriveLogs:
     # tables of the drives that could be laid onto the road, or along their own way, those that are refused, too
     tables: tuple[tuple[Drive, DriveTables], ...] = ()
     geometry: RouteGeometry | None = None  # of the road; None where each drive was laid along its own way
+    sensor_errors: SensorErrors = HONEST  # what the sensors of the drives to fit got wrong
 
 
-def read_drives(case: Case, row_map: RowMap, rules: CleaningRules | None = None) -> DriveLogs:
+def read_drives(
+    case: Case, row_map: RowMap, rules: CleaningRules | None = None, *, corrects_sensors: bool = False
+) -> DriveLogs:
     """Read all drives of a case, see `read_drive`; those without rows are left out, unless a role has none left.
 
     Where the quantities of a drive contradict one another, that is what is wrong with it: that its objects do not fit
-    the road may follow from it.
+    the road may follow from it. If asked to, what sensors got wrong is taken off before drives are laid onto the road.
     """
     geometry = build_route_geometry(row_map)
     tables: list[tuple[Drive, DriveTables]] = []
@@ -48,17 +52,19 @@ def read_drives(case: Case, row_map: RowMap, rules: CleaningRules | None = None)
         except CaseError as error:
             refusals.append(error)
     for role in ROLES:
-        errors = [error for drive, error in empty if drive.role == role]
-        if errors and len(errors) == len(case.drives_of(role)):
-            expected = f"expected rows in one of the drives with role {quote(role)} at least; {errors[0].expected}"
-            refusals.append(CaseError(errors[0].file, "", expected))
+        of_role = [error for drive, error in empty if drive.role == role]
+        if of_role and len(of_role) == len(case.drives_of(role)):
+            expected = f"expected rows in one of the drives with role {quote(role)} at least; {of_role[0].expected}"
+            refusals.append(CaseError(of_role[0].file, "", expected))
     found = judge_drives([own.motion for _, own in tables], [own.impossible for _, own in tables])
     refusals += [CaseError(one.file, one.column, one.words) for one in found if one.is_refused]
     contradictory = {drive for one in found if one.is_refused for drive in one.drives}
     there: list[tuple[Drive, DriveLog]] = []
+    errors = measure_sensors([own.motion for drive, own in tables if drive.role == "fit"])
     for drive, own in tables:
         try:
-            there.append((drive, lay_out(case, drive, geometry, own, rules)))
+            laid = own.corrected(errors) if corrects_sensors and errors != HONEST else own
+            there.append((drive, lay_out(case, drive, geometry, laid, rules)))
         except CaseError as error:
             refusals += [] if drive.id in contradictory else [error]
     return DriveLogs(
@@ -69,6 +75,7 @@ def read_drives(case: Case, row_map: RowMap, rules: CleaningRules | None = None)
         contradictions=tuple(str(one) for one in found if not one.is_refused),
         tables=tuple(tables),
         geometry=geometry,
+        sensor_errors=errors,
     )
 
 

@@ -22,6 +22,7 @@ from jaxcalib.field.object_places import at_front, front_to_front, with_distance
 from jaxcalib.field.physics.impossible_tracks import ImpossibleRows, impossible_rows
 from jaxcalib.field.physics.motion import DriveMotion
 from jaxcalib.field.route_geometry import RouteGeometry, build_route_geometry
+from jaxcalib.field.sensor_errors import SensorErrors, without_errors
 from sim_adapters.frame_table import ObjectTable, SubjectTable, stack_frames
 from sim_adapters.scenario.road_builder import RowMap
 from surrogate.road.perception import PerceptionFrame
@@ -96,6 +97,10 @@ class DriveTables:
     motion: DriveMotion  # what its physics is judged by
     impossible: ImpossibleRows  # rows of the objects' table that were left out
     left_out_objects: ObjectLog  # these rows
+
+    def corrected(self, errors: SensorErrors) -> "DriveTables":
+        """The tables with objects less what sensors got wrong."""
+        return dataclasses.replace(self, object_log=without_errors(self.object_log, self.motion, errors))
 
 
 def clock_of(case: Case, drive: Drive) -> tuple[float, float]:

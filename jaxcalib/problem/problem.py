@@ -14,6 +14,7 @@ from jaxcalib.errors import CaseError
 from jaxcalib.field.drive_logs import read_drives
 from jaxcalib.field.field_log import DriveLog
 from jaxcalib.field.seen_range import range_warnings, seen_perception
+from jaxcalib.field.sensor_errors import HONEST, SensorErrors
 from jaxcalib.measures.drive_tally import DriveTally
 from jaxcalib.measures.lane_change import num_target_gap_classes
 from jaxcalib.measures.measure import Measure
@@ -62,6 +63,7 @@ class CalibrationProblem:
     measures: Mapping[str, Measure]  # what is made of tallies, by name
     drives: tuple[DriveLog, ...]  # logs of the drives
     field_tally: np.ndarray  # tallies of each drive, [drive, tally]
+    sensor_errors: SensorErrors = HONEST  # what the sensors of the drives to fit got wrong
     # drives without rows, and where less was seen than the case states, one line each
     log_warnings: tuple[str, ...] = ()
 
@@ -130,7 +132,8 @@ def read_problem(folder: Path | str, *, as_stated: bool = False) -> CalibrationP
 
     Args:
         folder: the case's folder.
-        as_stated: take the sensors' range as the case states it, even where the logs end well before.
+        as_stated: take the sensors' range as the case states it, even where the logs end well before, and drives with
+            all that sensors got wrong.
 
     Raises:
         CaseError: something in them is wrong; one line says what.
@@ -143,12 +146,15 @@ def read_problem(folder: Path | str, *, as_stated: bool = False) -> CalibrationP
         layout = layout_of(parts, scenario)
         raise_first(clock_faults(scenario, parts, case))
         interval_s = frame_interval_s(scenario.configuration.step_s)
-        logs = read_drives(case, scenario.row_map)
+        logs = read_drives(case, scenario.row_map, corrects_sensors=not as_stated)
         raise_first(logs.refusals)
         case, drives = logs.case, logs.drives
-        stated = case.perception
+        stated = seen = case.perception
+        corrections = () if as_stated else logs.sensor_errors.warnings()
         if not as_stated:
-            case = dataclasses.replace(case, perception=seen_perception(drives_to_fit(drives), stated))
+            seen = seen_perception(drives_to_fit(drives), stated)
+            # what is reported too far away is cut off before the range's end
+            case = dataclasses.replace(case, perception=seen.scaled(1.0 / logs.sensor_errors.most_factor))
         sensor = case.perception
         drives = tuple(dataclasses.replace(drive, ahead_m=sensor.ahead_m, behind_m=sensor.behind_m) for drive in drives)
         reach_m, distant = (sensor.ahead_m, sensor.behind_m), parts.behaviour.distant_vtypes
@@ -180,7 +186,8 @@ def read_problem(folder: Path | str, *, as_stated: bool = False) -> CalibrationP
         field_tally=counted_in_parts(
             np.stack(field_tally), drives, scenario.network.length_m, tally.names.index("drives")
         ),
-        log_warnings=(*logs.left_out, *logs.contradictions, *range_warnings(stated, sensor)),
+        sensor_errors=logs.sensor_errors,
+        log_warnings=(*logs.left_out, *logs.contradictions, *range_warnings(stated, seen), *corrections),
     )
 
 

@@ -7,7 +7,7 @@ by what the move changes there.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -55,10 +55,21 @@ class Baseline:
     field: DriveTallies  # tallies of all drives
     fitted: Prepared  # null model and drives to fit
 
+    @cached_property
+    def difference(self) -> np.ndarray:
+        """Difference of the drives to fit from the null, in units of noise, less what sensors are known to make of it.
+
+        Values must not move to where they make up for sensors.
+        """
+        cells, deviation = self.fitted.null.cells, self.fitted.null.deviation
+        by_sensors = (self.runs.altered[each] for each in self.in_sumo.measured.items())
+        known = [paired_difference(altered, self.runs.plain, cells)[0] / deviation for altered in by_sensors]
+        return self.fitted.difference - np.sum([np.zeros(len(cells)), *known], axis=0)
+
     @property
     def shift(self) -> np.ndarray:
         """By how much all features would move the parameters, in steps."""
-        return parameter_shift(self.fitted.difference, self.fitted.null)
+        return parameter_shift(self.difference, self.fitted.null)
 
     @cached_property
     def by_chance(self) -> float:
@@ -68,7 +79,7 @@ class Baseline:
     @property
     def misfit(self) -> float:
         """Mean squared misfit of a feature, after that shift, in units of noise."""
-        return _misfit(self.fitted.difference, self.fitted.null)
+        return _misfit(self.difference, self.fitted.null)
 
 
 @dataclass(frozen=True)
@@ -95,6 +106,7 @@ class BaselineMaker:
     bounds: tuple[np.ndarray, np.ndarray]
     sumo_workers: SumoWorkers | None = None  # who makes SUMO's runs; None for processes of this machine
     decision_interval_s: float = DECISION_INTERVAL_S  # of the surrogate
+    measured: Mapping[str, float] = field(default_factory=dict)  # strengths of sensors' effects, see `SumoRuns`
 
     def converged(self, values: np.ndarray) -> Converged:
         """Return the baseline that agrees best with the drives to fit, with all its runs, from calibrated values on.
@@ -130,7 +142,7 @@ class BaselineMaker:
         After each move the surrogate says what it changed; what the drives still differ by asks for the next one. A
         move that does not come nearer is not made.
         """
-        null, difference, values = best.fitted.null, best.fitted.difference, best.values
+        null, difference, values = best.fitted.null, best.difference, best.values
         sizes = parameter_steps(self.problem.layout, values)
         least = np.maximum(self.bounds[0], LEAST_VALUE_SHARE * values)
         way, num_tried = [], 0
@@ -142,9 +154,9 @@ class BaselineMaker:
             further = round_values(np.clip(values + step, least, self.bounds[1]))
             change = self._change(best, further)
             num_tried += 1
-            if change is None or _misfit(best.fitted.difference - change, null) >= _misfit(difference, null):
+            if change is None or _misfit(best.difference - change, null) >= _misfit(difference, null):
                 break
-            values, difference = further, best.fitted.difference - change
+            values, difference = further, best.difference - change
             way.append(values)
         return way, num_tried
 
@@ -191,8 +203,9 @@ class BaselineMaker:
         features = DriveFeatures(conventions_of(problem), background, subject)
         progress.stage("null")
         in_sumo = SumoRuns(
-            problem, features, values, self.plan, self.parts, self.first_seed, progress.sumo_runs, self.sumo_workers
-        )
+            problem, features, values, self.plan, self.parts, self.first_seed, progress.sumo_runs, self.sumo_workers,
+            self.measured,
+        )  # fmt: skip
         runs = in_sumo.first_null()
         progress.stage("atlas")
         if runner is None:

@@ -1,7 +1,7 @@
 """What a diagnosis has SUMO run: the null, the scenario as it is, and the best effects; each part is made once."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -30,10 +30,12 @@ class SumoRuns:
     first_seed: int  # of the diagnosis; each part has seeds of its own behind it
     on_runs: Callable[[int], None]  # told of runs done
     workers: SumoWorkers | None = None  # who makes the runs; None for processes of this machine
+    # strengths of sensors' effects that drives show by themselves: altered versions have them, too
+    measured: Mapping[str, float] = field(default_factory=dict)
 
     def first_null(self) -> NullRuns:
         """Return the first runs with the calibrated values, and altered versions of some: enough to see where to."""
-        alterations = alterations_of(fine_interval_s(self.problem))
+        alterations = list(dict.fromkeys([*alterations_of(fine_interval_s(self.problem)), *self.measured.items()]))
 
         def make() -> dict[str, DriveTallies]:
             runs = run_null(

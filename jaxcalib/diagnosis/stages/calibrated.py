@@ -9,6 +9,7 @@ from jaxcalib.calibration.scenario_runs import start_scenario_runs
 from jaxcalib.calibration.value_search import SearchedValues, search_values
 from jaxcalib.diagnosis.stages.session import DiagnosisSession
 from jaxcalib.field.seen_range import seen_perception
+from jaxcalib.field.sensor_errors import HONEST
 from jaxcalib.problem.engines import finer_surrogate_engine, sumo_engine, surrogate_engine
 from jaxcalib.problem.problem import CalibrationProblem, drives_to_fit, read_problem
 from jaxcalib.problem.settings import Settings
@@ -46,11 +47,12 @@ def recalibrate(session: DiagnosisSession) -> Calibrated:
 
 
 def problem_to_search(session: DiagnosisSession) -> CalibrationProblem:
-    """Return the problem with the sensors' range that the drives show.
+    """Return the problem with the sensors' range that the drives show, less what sensors got wrong.
 
-    What a short range hides must not bend the values: it is an effect of its own, to be found with the stated range.
+    What sensors do must not bend the values: it is an effect of its own, to be found in the drives as they are.
     """
     problem = session.problem
-    if seen_perception(drives_to_fit(problem.drives), problem.case.perception) != problem.case.perception:
+    is_short = seen_perception(drives_to_fit(problem.drives), problem.case.perception) != problem.case.perception
+    if is_short or problem.sensor_errors != HONEST:
         return read_problem(problem.case.folder)
     return problem

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 from jaxcalib.diagnosis.features.features import DriveTallies
 from jaxcalib.diagnosis.inference.baseline import Baseline, BaselineMaker, Converged
+from jaxcalib.diagnosis.runs.measured_sensors import measured_strengths
 from jaxcalib.diagnosis.runs.null_runs import fine_interval_s
 from jaxcalib.diagnosis.runs.trial_book import TrialBook
 from jaxcalib.diagnosis.stages.calibrated import Calibrated
@@ -52,6 +53,7 @@ def simulate_null(session: DiagnosisSession, calibrated: Calibrated) -> Simulate
             bounds=calibrated.bounds,
             sumo_workers=session.sumo_workers,
             decision_interval_s=calibrated.searched.decision_interval_s,
+            measured=measured_strengths(problem, calibrated.problem, interval_s),
         )
         converged = maker.converged(calibrated.searched.values)
     with session.stopwatch.time("null"):

@@ -62,9 +62,13 @@ class ObjectScales:
 
     @property
     def times_are_off(self) -> bool:
-        """Whether neither chance nor a simulator's steps explain that the clock is late."""
+        """Whether neither chance nor a simulator's steps explain that the clock is late, or early."""
         shows = self.speed_change_mps >= LEAST_SPEED_CHANGE_MPS
         return shows and abs(self.late_s) > max(LEAST_OFFSET_S, SIGNIFICANT * self.late_error_s)
+
+    def is_late(self, least_s: float) -> bool:
+        """Whether objects are reported late by more than some time, and than chance or a simulator's steps explain."""
+        return self.late_s > max(LEAST_OFFSET_S, least_s, SIGNIFICANT * self.late_error_s)
 
 
 @dataclass(frozen=True)

@@ -69,6 +69,22 @@ def _track(
     )
 
 
+def thinned(motion: DriveMotion, every: int) -> DriveMotion:
+    """The drive logged at every so many steps alone."""
+    columns = (
+        "time_s",
+        "position_m",
+        "speed_mps",
+        "acceleration_mps2",
+        "yaw_rate_radps",
+        "heading_rad",
+        "lateral_m",
+        "across_m",
+    )
+    tick = np.round((motion.object_time_s - motion.time_s[0]) / SAMPLING_S).astype(int)
+    return replace(motion, **{name: getattr(motion, name)[::every] for name in columns}).without(tick % every != 0)
+
+
 def judged(motions: list[DriveMotion]) -> list[Contradiction]:
     """What drives contradict themselves in, impossible rows left out first, as where logs are read."""
     impossible = [impossible_rows(motion) for motion in motions]

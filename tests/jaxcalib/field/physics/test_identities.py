@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from jaxcalib.field.physics.motion import DriveMotion
-from tests.jaxcalib.field.physics.motions import drive, judged, with_relative_speeds
+from tests.jaxcalib.field.physics.motions import drive, judged, thinned, with_relative_speeds
 
 NUM_DRIVES = 4
 Spoil = Callable[[DriveMotion], DriveMotion]
@@ -63,21 +63,7 @@ FAULTS: dict[str, tuple[Spoil, str, bool, str]] = {
 @pytest.mark.parametrize("sampling", [1, 5, 10])
 def test_what_is_right_is_believed(sampling: int):
     """At 10, 2 and 1 Hz."""
-    motions = []
-    for seed in range(NUM_DRIVES):
-        whole = drive(seed)
-        kept = np.isin(np.round(10 * whole.object_time_s).astype(int) % sampling, 0)
-        columns = (
-            "time_s",
-            "position_m",
-            "speed_mps",
-            "acceleration_mps2",
-            "yaw_rate_radps",
-            "heading_rad",
-            "lateral_m",
-        )
-        thin = {name: getattr(whole, name)[::sampling] for name in (*columns, "across_m")}
-        motions.append(replace(whole, **thin).without(~kept))
+    motions = [thinned(drive(seed), sampling) for seed in range(NUM_DRIVES)]
     assert judged(motions) == []
 
 
