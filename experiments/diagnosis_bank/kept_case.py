@@ -12,17 +12,16 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import cloudpickle  # the search holds closures
+import cloudpickle  # values hold closures
 
 from jaxcalib.diagnosis.answer.answer import Diagnosis
 from jaxcalib.diagnosis.answer.conclusion import conclude
 from jaxcalib.diagnosis.answer.findings import Findings
 from jaxcalib.diagnosis.features.features import DriveTallies, gather_tallies
-from jaxcalib.diagnosis.inference.investigation import prepare
 from jaxcalib.diagnosis.run import answer
 from jaxcalib.diagnosis.runs.finished_parts import FinishedParts
 from jaxcalib.diagnosis.runs.null_runs import fine_interval_s
-from jaxcalib.diagnosis.stages.calibrated import Calibrated, problem_to_search, recalibrate
+from jaxcalib.diagnosis.stages.calibrated import Calibrated, calibrate_by_logs
 from jaxcalib.diagnosis.stages.session import DiagnosisSession, begin_session
 from jaxcalib.diagnosis.stages.simulated import simulate_null
 from jaxcalib.problem.problem import read_problem
@@ -31,7 +30,7 @@ from sim_adapters.atomic_file import write_atomically
 from surrogate.road.drive_table import drive_table
 
 IDENTITY = {"case": "bank", "options": "bank", "program": "bank"}
-SEARCHED = "searched.pickle"
+CALIBRATED = "calibrated.pickle"
 
 
 class NotKeptError(LookupError):
@@ -55,12 +54,12 @@ class KeptCase:
             yield session if may_run else replace(session, parts=ReadOnlyParts(session.folder.path / "stages"))
 
     def calibrated(self, session: DiagnosisSession) -> Calibrated:
-        """Return the calibration, searched for only if it is not kept yet."""
-        file = self.kept / SEARCHED
+        """Return the values that the logs show, read only if they are not kept yet."""
+        file = self.kept / CALIBRATED
         if file.is_file():
-            return Calibrated(problem_to_search(session), pickle.loads(file.read_bytes()))  # noqa: S301 - our own
-        calibrated = recalibrate(session)
-        write_atomically(file, lambda stream: stream.write(cloudpickle.dumps(calibrated.searched)))
+            return pickle.loads(file.read_bytes())  # noqa: S301 - our own
+        calibrated = calibrate_by_logs(session)
+        write_atomically(file, lambda stream: stream.write(cloudpickle.dumps(calibrated)))
         return calibrated
 
     def diagnosed(self, session: DiagnosisSession) -> tuple[Findings | None, Diagnosis]:
@@ -77,7 +76,7 @@ class KeptCase:
         tables = [drive_table(drive.frames(interval_s), interval_s) for _, drive in held_out]
         books = [baseline.features.of_table(table) for table in tables]
         tallies = gather_tallies(books, [depart_s for depart_s, _ in held_out])
-        prepared = prepare(findings.problem, tallies, baseline.runs, baseline.trials)
+        prepared = baseline.prepared(tallies)
         return conclude(replace(findings, held_out=prepared))
 
 

@@ -68,7 +68,7 @@ def made_up_baseline(session: DiagnosisSession, baseline: Baseline, random: np.r
     chosen = np.sort(first + random.permutation(len(plain) - first)[: int(session.is_fit.sum())])
     runs = NullRuns(plain.take(np.setdiff1d(np.arange(len(plain)), chosen)), altered)
     drawn = replace(plain.take(chosen), run=None)
-    fitted = prepare(session.problem, drawn, runs, baseline.trials)
+    fitted = prepare(session.problem, drawn, runs, baseline.trials, baseline.prior_steps)
     return replace(baseline, runs=runs, fitted=fitted)
 
 

@@ -4,26 +4,23 @@ Where the surrogate drives unlike SUMO, SUMO makes the search's runs.
 """
 
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float
 
 from jaxcalib.calibration.confirmation.agreement import Agreement, compare_sections
 from jaxcalib.calibration.confirmation.confirmation import Confirmation, Finals, confirm
 from jaxcalib.calibration.confirmation.final_errors import FinalRuns
 from jaxcalib.calibration.confirmation.search_on import search_on_in_sumo
-from jaxcalib.calibration.first_look import FirstLook
+from jaxcalib.calibration.first_values import find_first_values, sumo_evaluator
 from jaxcalib.calibration.stages.budget import Budget, in_sumo_alone, plan_budget
-from jaxcalib.calibration.stages.evaluator import Evaluator
 from jaxcalib.calibration.stages.two_stage import TwoStageResult, search_two_stages
-from jaxcalib.initial_values.initial_point import InitialPoint, find_initial_point, without_driver_logs
-from jaxcalib.problem.engines import DECISION_INTERVAL_S, FINER_DECISION_INTERVAL_S
+from jaxcalib.initial_values.initial_point import InitialPoint
+from jaxcalib.problem.engines import DECISION_INTERVAL_S
 from jaxcalib.problem.problem import CalibrationProblem
 from jaxcalib.problem.settings import Settings
-from jaxcalib.runs.journal import JournaledSumo, JournaledSurrogate
-from jaxcalib.runs.seeds import CONFIRMATION_SEED, SEARCH_SEED
+from jaxcalib.runs.journal import JournaledSumo
+from jaxcalib.runs.seeds import CONFIRMATION_SEED
 from jaxcalib.runs.session import Session
 from sim_adapters.jax.simulator import JaxSimulator
 
@@ -85,26 +82,8 @@ def search_values(
     Raises:
         AllRunsFailedError: a simulator failed; where SUMO cannot run the scenario as it is, before the search begins.
     """
-    in_sumo = _sumo_evaluator(problem, sumo, session, SEARCH_SEED)
-    usual = None if engine is None else _surrogate_evaluator(problem, engine, session)
-
-    def with_finer_decisions() -> Evaluator | None:
-        other = finer()
-        return None if other is None else _surrogate_evaluator(problem, other, session)
-
-    look = FirstLook(problem, usual, in_sumo, plan, session, scenario_runs, with_finer_decisions)
-    with ThreadPoolExecutor(1) as thread:
-        compiled = thread.submit(engine.prepare if engine else lambda: None)  # meanwhile the logs are fitted
-
-        def tallies_with(values: Float[np.ndarray, " parameter"]) -> Float[np.ndarray, "run tally"]:
-            compiled.result()
-            return look.tallies_with(values)
-
-        session.progress.stage("initial_values")
-        with session.stopwatch.time("initial_values"):
-            initial = find_initial_point(problem, settings.scaling_factor, settings.bounds, session.seed, tallies_with)
-            if "logs" in settings.without:
-                initial = without_driver_logs(initial)
+    first = find_first_values(problem, settings, plan, engine, sumo, session, scenario_runs, finer)
+    initial, look, usual, in_sumo = first.initial, first.look, first.usual, first.in_sumo
     agreements, surrogate = look.agreements, look.surrogate
     is_in_sumo = surrogate is None or (may_leave_surrogate and not look.agrees)
     if is_in_sumo and surrogate is not None:
@@ -118,7 +97,7 @@ def search_values(
         session.progress.notes([*map(str, agreements[:-1]), f"{agreements[-1]}; {where}."])
     evaluator = in_sumo if is_in_sumo or surrogate is None else surrogate
     found = search_two_stages(problem, initial, evaluator, settings, plan, session)
-    confirming = _sumo_evaluator(problem, sumo, session, CONFIRMATION_SEED)
+    confirming = sumo_evaluator(problem, sumo, session, CONFIRMATION_SEED)
     with session.stopwatch.time("confirmation"):
         confirmation = confirm(found, initial, evaluator, confirming, plan, session)
         if not is_in_sumo:
@@ -136,29 +115,10 @@ def search_values(
         confirmation=confirmation,
         agreements=tuple(agreements),
         is_in_sumo=is_in_sumo,
-        num_surrogate_runs=sum(one.num_runs for one in {usual, surrogate} if one is not None),
+        num_surrogate_runs=first.num_surrogate_runs,
         num_sumo_search_runs=in_sumo.num_runs,
         warnings=tuple(look.warnings),
-        decision_interval_s=DECISION_INTERVAL_S if surrogate is usual else FINER_DECISION_INTERVAL_S,
-    )
-
-
-def _sumo_evaluator(problem: CalibrationProblem, sumo: JournaledSumo, session: Session, seeds_from: int) -> Evaluator:
-    return Evaluator(
-        sumo,
-        problem.departs_s("fit"),
-        session.first_seed + seeds_from,
-        session.progress.sumo_runs,
-        shares_runs=problem.template.can_share_runs,
-    )
-
-
-def _surrogate_evaluator(problem: CalibrationProblem, engine: JaxSimulator, session: Session) -> Evaluator:
-    return Evaluator(
-        JournaledSurrogate(engine, session.journal),
-        problem.departs_s("fit"),
-        session.first_seed + SEARCH_SEED,
-        session.progress.surrogate_runs,
+        decision_interval_s=first.decision_interval_s,
     )
 
 

@@ -1,4 +1,4 @@
-"""One call diagnoses a case: recalibrate, see what chance and each effect would do, judge the field by it."""
+"""One call diagnoses a case: read values off the logs, see what chance and effects would do, judge the field."""
 
 import os
 import time
@@ -10,7 +10,7 @@ from jaxcalib.diagnosis.answer.answer import Diagnosis
 from jaxcalib.diagnosis.answer.conclusion import conclude
 from jaxcalib.diagnosis.answer.findings import Findings
 from jaxcalib.diagnosis.inference.investigation import NotTestableError
-from jaxcalib.diagnosis.stages.calibrated import Calibrated, recalibrate
+from jaxcalib.diagnosis.stages.calibrated import Calibrated, calibrate_by_logs
 from jaxcalib.diagnosis.stages.checked import check_best
 from jaxcalib.diagnosis.stages.concluded import gather_findings, refuse_drives
 from jaxcalib.diagnosis.stages.judged import judge_drives
@@ -77,7 +77,7 @@ def diagnose(
 
 
 def _diagnose(session: DiagnosisSession) -> Diagnosis:
-    findings, diagnosis = answer(session, recalibrate(session))
+    findings, diagnosis = answer(session, calibrate_by_logs(session))
     diagnosis = replace(diagnosis, profile=profile())
     session.folder.write_text("diagnosis.json", diagnosis.to_json())
     if findings is not None:
@@ -99,6 +99,6 @@ def answer(session: DiagnosisSession, calibrated: Calibrated) -> tuple[Findings 
     tried = try_effects(session, baseline, book)
     checked = check_best(session, baseline, tried)
     judged = judge_drives(session, baseline, tried.num_places, checked)
-    refitted = refit_best(session, calibrated, baseline, book, checked, judged)
+    refitted = refit_best(session, baseline, book, checked, judged)
     findings = gather_findings(session, calibrated, simulated, book, tried, checked, judged, refitted)
     return findings, conclude(findings)

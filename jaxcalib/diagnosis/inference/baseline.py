@@ -37,6 +37,9 @@ from sim_adapters.sumo.workers import SumoWorkers
 from surrogate.road.drive_table import DriveTable
 
 MOST_ROUNDS = 3
+# What stays open of a parameter, in steps: no less than what pairs of vehicles get wrong, and no more than
+# slopes are linear over, where the logs are silent, or features have moved it.
+LEAST_OPEN_STEPS, MOST_OPEN_STEPS = 0.5, 1.5
 FAR_STEPS = 3.0  # beyond them a linear shift of parameters is no longer to be trusted
 LONGEST_STEPS = 5.0  # that a parameter is moved at once
 MOST_MOVES = 3  # in the surrogate, before SUMO runs where they led
@@ -54,6 +57,15 @@ class Baseline:
     trials: Mapping[str, DriveTallies]  # tallies of the parameters' trials by name
     field: DriveTallies  # tallies of all drives
     fitted: Prepared  # null model and drives to fit
+    prior_steps: np.ndarray  # shift of each parameter that stays open, in steps, as a standard deviation
+
+    def prepared(self, drives: DriveTallies) -> Prepared:
+        """Return the null model for some drives.
+
+        Raises:
+            NotTestableError: the drives show too little.
+        """
+        return prepare(self.in_sumo.problem, drives, self.runs, self.trials, self.prior_steps)
 
     @cached_property
     def difference(self) -> np.ndarray:
@@ -102,21 +114,23 @@ class BaselineMaker:
     trial_seed: int  # of the surrogate's
     tables: Sequence[DriveTable]  # the drives
     progress: Progress  # told of runs
+    begin: np.ndarray  # values that the drives show by themselves
+    error: np.ndarray  # their standard errors; inf where the drives are silent
     # least and largest value of each parameter; features bent by an effect must not lead beyond them
     bounds: tuple[np.ndarray, np.ndarray]
     sumo_workers: SumoWorkers | None = None  # who makes SUMO's runs; None for processes of this machine
     decision_interval_s: float = DECISION_INTERVAL_S  # of the surrogate
     measured: Mapping[str, float] = field(default_factory=dict)  # strengths of sensors' effects, see `SumoRuns`
 
-    def converged(self, values: np.ndarray) -> Converged:
-        """Return the baseline that agrees best with the drives to fit, with all its runs, from calibrated values on.
+    def converged(self) -> Converged:
+        """Return the baseline that agrees best with the drives to fit, with all its runs, from where it begins on.
 
         Which way to move takes fewer runs than to judge drives by them.
 
         Raises:
             NotTestableError: the drives show too little.
         """
-        best, number, num_moves = self.at(values, None), 1, 0
+        best, number, num_moves = self.at(self.begin, None), 1, 0
         while number < MOST_ROUNDS and np.max(np.abs(best.shift)) > FAR_STEPS:
             way, tried = self.moved(best)
             num_moves += tried + bool(tried)  # where they begin is run, too
@@ -133,7 +147,7 @@ class BaselineMaker:
             if nearer is None:
                 break
             best = nearer
-        slope_runs = (2 * len(values) + 1) * self.plan.first_slope_runs
+        slope_runs = (2 * len(self.begin) + 1) * self.plan.first_slope_runs
         return Converged(self.whole(best), number, (number - 1) * slope_runs + num_moves * self.plan.slope_runs)
 
     def moved(self, best: Baseline) -> tuple[list[np.ndarray], int]:
@@ -190,7 +204,8 @@ class BaselineMaker:
             self.progress.stage("atlas")
             further = self._slopes(first.values, first.runner, self.plan.slope_runs - begin, begin)
             trials = {name: joined_tallies(tallies, further[name]) for name, tallies in trials.items()}
-        return replace(first, runs=runs, trials=trials, fitted=self._fitted(first.field, runs, trials))
+        fitted = self._fitted(first.field, runs, trials, first.prior_steps)
+        return replace(first, runs=runs, trials=trials, fitted=fitted)
 
     def at(self, values: np.ndarray, runner: TrialRunner | None) -> Baseline:
         """Return the baseline at some values, with the first of its runs; the runner of an earlier one serves again.
@@ -214,8 +229,9 @@ class BaselineMaker:
         trials = self._slopes(values, runner, self.plan.first_slope_runs, 0)
         departs = [drive.depart_s for drive in problem.case.drives]
         field = gather_tallies([features.of_table(table) for table in self.tables], departs)
-        fitted = self._fitted(field, runs, trials)
-        return Baseline(values, features, in_sumo, runs, runner, trials, field, fitted)
+        prior_steps = self.prior_steps(values)
+        fitted = self._fitted(field, runs, trials, prior_steps)
+        return Baseline(values, features, in_sumo, runs, runner, trials, field, fitted, prior_steps)
 
     def _slopes(
         self, values: np.ndarray, runner: TrialRunner, num_runs: int, first_run: int
@@ -224,9 +240,18 @@ class BaselineMaker:
         part = f"slopes {values.tolist()!r} from run {first_run}"
         return self.parts.tallies(part, lambda: runner.run(trials, self.progress.surrogate_runs))
 
-    def _fitted(self, field: DriveTallies, runs: NullRuns, trials: Mapping[str, DriveTallies]) -> Prepared:
+    def prior_steps(self, values: np.ndarray) -> np.ndarray:
+        """Return what stays open of each parameter, in steps, as a standard deviation."""
+        steps = parameter_steps(self.problem.layout, values)
+        known = np.isfinite(self.error) & (values == self.begin)
+        open_steps = np.hypot(np.where(known, self.error, np.inf) / steps, LEAST_OPEN_STEPS)
+        return np.minimum(open_steps, MOST_OPEN_STEPS)
+
+    def _fitted(
+        self, field: DriveTallies, runs: NullRuns, trials: Mapping[str, DriveTallies], prior_steps: np.ndarray
+    ) -> Prepared:
         is_fit = np.asarray([drive.role == "fit" for drive in self.problem.drives])
-        return prepare(self.problem, field.take(is_fit), runs, trials)
+        return prepare(self.problem, field.take(is_fit), runs, trials, prior_steps)
 
 
 def _misfit(difference: np.ndarray, null: NullModel) -> float:

@@ -35,7 +35,6 @@ from jaxcalib.problem.problem import CalibrationProblem
 from surrogate.effects.registry import effect_named
 
 FEWEST_FEATURES = 20
-PRIOR_STEPS = 1.5  # shift that a calibration leaves, in steps of `atlas.STEPS`
 
 
 class NotTestableError(RuntimeError):
@@ -54,9 +53,20 @@ class Prepared:
 
 
 def prepare(
-    problem: CalibrationProblem, drives: DriveTallies, runs: NullRuns, trials: Mapping[str, DriveTallies]
+    problem: CalibrationProblem,
+    drives: DriveTallies,
+    runs: NullRuns,
+    trials: Mapping[str, DriveTallies],
+    prior_steps: np.ndarray,
 ) -> Prepared:
     """Return the null model for drives.
+
+    Args:
+        problem: the problem.
+        drives: tallies of the drives.
+        runs: SUMO's runs without effect.
+        trials: tallies of the parameters' trials by name.
+        prior_steps: shift of each parameter that stays open, in steps, as a standard deviation.
 
     Raises:
         NotTestableError: too few features are observed.
@@ -72,7 +82,7 @@ def prepare(
         runs.plain,
         slopes.slope,
         slopes.error,
-        np.full(len(problem.layout.names), PRIOR_STEPS),
+        prior_steps,
         slopes.influence,
         len(drives),
     )

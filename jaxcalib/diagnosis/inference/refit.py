@@ -1,12 +1,11 @@
 """The best explanations fitted once more, around runs that contain them.
 
 The contest judges all effects by signatures that are linear in strength and parameters, measured at the calibrated
-values. A strong effect is neither: with it in, other parameter values fit, often far from those that calibration bent
-to hide it, and there it does something else. So the best few are run with the strength and the values that the drives
-to fit ask for, and what those drives still differ by from these runs corrects both (`descent.py`): first in the
-surrogate, whose runs are cheap, by what effect and values change there; then in SUMO where it can express the effect.
-Where steps do not lead to an agreement, they begin again at what the calibration's search finds with the effect in,
-or at what fits with a better explanation: whichever it was, what calibration had bent to hide it is straight there.
+values. A strong effect is neither: with it in, other parameter values fit, and there it does something else. So the
+best few are run with the strength and the values that the drives to fit ask for, and what those drives still differ by
+from these runs corrects both (`descent.py`): first in the surrogate, whose runs are cheap, by what effect and values
+change there; then in SUMO where it can express the effect. Where steps do not lead to an agreement, they begin again
+at what fits with a better explanation.
 How well each of them fits then is evidence between them beside that of the signatures, and how far the gap shrinks
 is measured from real runs.
 """
@@ -226,12 +225,10 @@ def _descend_anew(
     course: _Course, target: Target, descent: Descent, known_steps: np.ndarray | None
 ) -> tuple[Descent, Target]:
     """Return a descent in the surrogate that begins elsewhere, or the first one where that does not come nearer."""
-    strength = course.there(descent.nearest.at)[1]
-    steps = course.maker.recalibrated(course.signature, strength) if known_steps is None else known_steps
-    if steps is None:
+    if known_steps is None:
         return descent, target
-    # what a calibration leaves open lies around its own result, with the effect in as without
-    begin = steps / course.unit[:-1]
+    # what the drives leave open lies around where it fits, with the effect in as without
+    begin = known_steps / course.unit[:-1]
     anew = replace(target, center=np.append(begin, 0.0))
     way = _Way(anew, np.append(begin, descent.nearest.at[-1]), descent.slopes)
     other = course.descend(way, course.maker.in_surrogate, MOST_SURROGATE_POINTS)

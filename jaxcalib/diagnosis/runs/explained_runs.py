@@ -71,8 +71,6 @@ class ExplainedRunner:
     values: np.ndarray  # calibrated values
     sumo: SumoRuns  # makes SUMO's runs
     null: NullModel  # the null model for the drives to fit
-    # returns parameter values that a calibration finds with effects in; None where it fails
-    recalibrate: Callable[[Mapping[str, EffectSetting]], np.ndarray | None]
     # makes trials in the surrogate; the baseline's tallies are among what it returns
     run_trials: Callable[[Sequence[Trial]], Mapping[str, DriveTallies]]
     num_runs: int  # of each trial in the surrogate
@@ -94,13 +92,6 @@ class ExplainedRunner:
         values = moved_values(self.values, self._step_sizes, steps)
         tallies = self.sumo.explained(signature.effect, signature.sign * strength, values)
         return None if tallies is None else ExplainedRuns(tallies)
-
-    def recalibrated(self, signature: Signature, strength: float) -> np.ndarray | None:
-        """Return the shift of the parameters, in steps, that a calibration with an effect finds; None if it fails."""
-        if effect_named(signature.effect).is_sensor_s:
-            return None
-        values = self.recalibrate({signature.effect: _setting(signature, strength)})
-        return None if values is None else (values - self.values) / self._step_sizes
 
     def slopes(self, signature: Signature, steps: np.ndarray, strength: float, known: np.ndarray) -> np.ndarray:
         """Change of the features with each parameter's step and with the strength, once the effect is in.

@@ -61,17 +61,17 @@ def gather_findings(
 
 def refuse_drives(session: DiagnosisSession, calibrated: Calibrated, error: NotTestableError) -> Diagnosis:
     """The diagnosis of drives that show too little."""
-    plan, searched = session.plan, calibrated.searched
+    plan = session.plan
     num_trials = 2 * len(session.problem.layout.names) + 1
     runs = {
-        "surrogate": searched.num_surrogate_runs + num_trials * plan.first_slope_runs,
-        "sumo": searched.confirmation.num_sumo_runs + num_runs_for(session.problem, plan.first_null_drives),
+        "surrogate": calibrated.num_surrogate_runs + num_trials * plan.first_slope_runs,
+        "sumo": calibrated.num_sumo_runs + num_runs_for(session.problem, plan.first_null_drives),
     }
-    return refuse(session.problem, searched.values, str(error), runs, session.wall_s)
+    return refuse(session.problem, calibrated.values, str(error), runs, session.wall_s)
 
 
 def _num_surrogate_runs(calibrated: Calibrated, simulated: Simulated, book: TrialBook) -> int:
-    return calibrated.searched.num_surrogate_runs + book.num_runs + simulated.converged.num_surrogate_runs
+    return calibrated.num_surrogate_runs + book.num_runs + simulated.converged.num_surrogate_runs
 
 
 def _num_sumo_runs(
@@ -79,7 +79,7 @@ def _num_sumo_runs(
 ) -> int:
     num_given_up = simulated.converged.num_baselines - 1
     return (
-        calibrated.searched.confirmation.num_sumo_runs
+        calibrated.num_sumo_runs
         + simulated.baseline.runs.plain.num_runs
         + num_given_up * num_runs_for(session.problem, session.plan.first_null_drives)
         + (0 if simulated.default is None else simulated.default.num_runs)

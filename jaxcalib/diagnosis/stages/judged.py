@@ -10,7 +10,6 @@ from jaxcalib.diagnosis.inference.investigation import (
     NotTestableError,
     Prepared,
     explanations,
-    prepare,
     shift_in_errors,
 )
 from jaxcalib.diagnosis.inference.leave_one_out import least_gain
@@ -78,7 +77,7 @@ def judge_drives(
         held_out = None
         if not is_fit.all():
             with contextlib.suppress(NotTestableError):
-                held_out = prepare(problem, baseline.field.take(~is_fit), baseline.runs, baseline.trials)
+                held_out = baseline.prepared(baseline.field.take(~is_fit))
         grounds = Grounds(
             least_gain=gain,
             by_chance=baseline.by_chance,
@@ -97,6 +96,6 @@ def _least_gain(
     return least_gain(
         baseline.fitted,
         checked.signatures,
-        lambda drives: prepare(problem, drives, baseline.runs, baseline.trials),
+        baseline.prepared,
         lambda some, signatures: explanations(problem, baseline.values, some, signatures, num_places),
     )

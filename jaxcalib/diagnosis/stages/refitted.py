@@ -10,9 +10,7 @@ from jaxcalib.diagnosis.inference.refitted_contest import contenders, with_refit
 from jaxcalib.diagnosis.inference.sumo_check import Checked
 from jaxcalib.diagnosis.inference.verdict import Verdict
 from jaxcalib.diagnosis.runs.explained_runs import ExplainedRunner
-from jaxcalib.diagnosis.runs.recalibration import Recalibrator
 from jaxcalib.diagnosis.runs.trial_book import TrialBook
-from jaxcalib.diagnosis.stages.calibrated import Calibrated
 from jaxcalib.diagnosis.stages.judged import Judged
 from jaxcalib.diagnosis.stages.session import DiagnosisSession
 
@@ -33,7 +31,6 @@ class Refitted:
 
 def refit_best(
     session: DiagnosisSession,
-    calibrated: Calibrated,
     baseline: Baseline,
     book: TrialBook,
     checked: Checked,
@@ -45,25 +42,17 @@ def refit_best(
     session.progress.stage("refit")
     with session.stopwatch.time("refit"):
         chosen = contenders(checked.explained, checked.signatures, judged.verdict)
-        refits = _refits(baseline, checked, chosen, _runner(session, calibrated, baseline, book))
+        refits = _refits(baseline, checked, chosen, _runner(session, baseline, book))
         explained = with_refits(checked.explained, refits)
         return Refitted(explained, judged.grounds.verdict_on(explained), refits)
 
 
-def _runner(session: DiagnosisSession, calibrated: Calibrated, baseline: Baseline, book: TrialBook) -> ExplainedRunner:
-    recalibrator = Recalibrator(
-        problem=calibrated.problem,
-        searched=calibrated.searched,
-        base=calibrated.searched.values,
-        budget=session.calibration,
-        session=session,
-    )
+def _runner(session: DiagnosisSession, baseline: Baseline, book: TrialBook) -> ExplainedRunner:
     return ExplainedRunner(
         problem=session.problem,
         values=baseline.values,
         sumo=baseline.in_sumo,
         null=baseline.fitted.null,
-        recalibrate=recalibrator.values,
         run_trials=lambda trials: book.run("explained", trials),
         num_runs=session.plan.effect_runs,
     )

@@ -50,12 +50,14 @@ def simulate_null(session: DiagnosisSession, calibrated: Calibrated) -> Simulate
             trial_seed=session.first_seed + TRIAL_SEED,
             tables=[drive_table(drive.frames(interval_s), interval_s) for drive in problem.drives],
             progress=session.progress,
+            begin=calibrated.values,
+            error=calibrated.error,
             bounds=calibrated.bounds,
             sumo_workers=session.sumo_workers,
-            decision_interval_s=calibrated.searched.decision_interval_s,
-            measured=measured_strengths(problem, calibrated.problem, interval_s),
+            decision_interval_s=calibrated.decision_interval_s,
+            measured=measured_strengths(problem, interval_s),
         )
-        converged = maker.converged(calibrated.searched.values)
+        converged = maker.converged()
     with session.stopwatch.time("null"):
         default = converged.baseline.in_sumo.default()
     return Simulated(converged, default)

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -12,7 +12,15 @@ import pytest
 from jaxcalib.calibration.stages.evaluator import AllRunsFailedError
 from jaxcalib.diagnosis.features.features import Cell, Channel
 from jaxcalib.diagnosis.features.noise import NullModel
-from jaxcalib.diagnosis.inference.baseline import LONGEST_STEPS, MOST_MOVES, MOST_ROUNDS, Baseline, BaselineMaker
+from jaxcalib.diagnosis.inference.baseline import (
+    LEAST_OPEN_STEPS,
+    LONGEST_STEPS,
+    MOST_MOVES,
+    MOST_OPEN_STEPS,
+    MOST_ROUNDS,
+    Baseline,
+    BaselineMaker,
+)
 from jaxcalib.diagnosis.inference.investigation import NotTestableError
 from jaxcalib.diagnosis.runs.explained_runs import LEAST_VALUE_SHARE
 from jaxcalib.diagnosis.runs.parameter_steps import parameter_steps
@@ -34,6 +42,7 @@ NULL = NullModel(
     slope=np.eye(3),
     prior_steps=np.full(3, 100.0),
 )
+ERROR = np.asarray([600.0, 0.001, np.inf])
 BOUNDS = np.asarray([0.0, 0.4, 0.3]), np.asarray([np.inf, 3.0, 5.0])
 
 
@@ -53,7 +62,10 @@ class Made(BaselineMaker):
         shift, misfit = self.tell(values)
         fitted = SimpleNamespace(difference=shift, null=NULL)
         return cast(
-            Baseline, SimpleNamespace(values=values, shift=shift, misfit=misfit, runner="program", fitted=fitted)
+            Baseline,
+            SimpleNamespace(
+                values=values, shift=shift, misfit=misfit, runner="program", fitted=fitted, difference=shift
+            ),
         )
 
     def _change(self, best: Baseline, values: np.ndarray) -> np.ndarray | None:
@@ -71,7 +83,9 @@ def made(
     change: Callable[[np.ndarray], np.ndarray | None] = lambda steps: steps,
 ) -> Made:
     nothing: Any = None
-    return Made(PROBLEM, plan_diagnosis(1.0), nothing, 0, 0, (), nothing, BOUNDS, tell=tell, change=change)
+    return Made(
+        PROBLEM, plan_diagnosis(1.0), nothing, 0, 0, (), nothing, BEGIN, ERROR, BOUNDS, tell=tell, change=change
+    )
 
 
 def towards(goal: np.ndarray, share: float = 1.0) -> Callable[[np.ndarray], tuple[np.ndarray, float]]:
@@ -86,23 +100,35 @@ def towards(goal: np.ndarray, share: float = 1.0) -> Callable[[np.ndarray], tupl
 
 def test_what_has_converged_is_made_once():
     maker = made(towards(BEGIN + SIZES * [2.9, -1.0, 0.5]))
-    found = maker.converged(BEGIN)
+    found = maker.converged()
     baseline, number = found.baseline, found.num_baselines
     assert number == len(maker.asked) == 1
     np.testing.assert_array_equal(baseline.values, BEGIN)
     np.testing.assert_array_equal(maker.completed, [BEGIN])
 
 
+def test_what_drives_show_is_open_by_their_error_and_what_they_do_not_as_far_as_slopes_reach():
+    maker = made(towards(BEGIN))
+    np.testing.assert_array_equal(SIZES[:1], [150.0])
+    shown = maker.prior_steps(BEGIN)
+    assert shown[0] == MOST_OPEN_STEPS  # four steps of error
+    assert shown[1] == pytest.approx(LEAST_OPEN_STEPS, abs=0.01)
+    assert shown[2] == MOST_OPEN_STEPS
+    half = replace(maker, error=np.asarray([150.0, 0.001, np.inf]))
+    assert half.prior_steps(BEGIN)[0] == pytest.approx(np.hypot(1.0, LEAST_OPEN_STEPS))
+    np.testing.assert_array_equal(maker.prior_steps(1.1 * BEGIN), np.full(3, MOST_OPEN_STEPS))
+
+
 def test_only_the_baseline_that_is_kept_is_made_in_full():
     maker = made(towards(BEGIN + SIZES * [90.0, 0.0, 0.0]))
-    baseline = maker.converged(BEGIN).baseline
+    baseline = maker.converged().baseline
     np.testing.assert_array_equal(maker.completed, [baseline.values])
 
 
 def test_a_parameter_that_all_features_would_move_far_is_moved():
     goal = BEGIN + SIZES * [-4.0, 1.0, 0.0]
     maker = made(towards(goal))
-    found = maker.converged(BEGIN)
+    found = maker.converged()
     baseline, number = found.baseline, found.num_baselines
     assert number == len(maker.asked) == 2
     np.testing.assert_allclose(baseline.values, goal, rtol=1e-6)
@@ -110,7 +136,7 @@ def test_a_parameter_that_all_features_would_move_far_is_moved():
 
 def test_steps_are_bounded_and_so_is_their_number():
     maker = made(towards(BEGIN + SIZES * [90.0, 0.0, 0.0]))
-    found = maker.converged(BEGIN)
+    found = maker.converged()
     baseline, number = found.baseline, found.num_baselines
     assert number == len(maker.asked) == MOST_ROUNDS
     first = maker.asked[1]
@@ -120,7 +146,7 @@ def test_steps_are_bounded_and_so_is_their_number():
 
 def test_nothing_is_moved_beyond_its_range():
     maker = made(towards(BEGIN + SIZES * [-4.0, 60.0, -50.0]))
-    baseline = maker.converged(np.asarray([3000.0, 2.9, 0.35])).baseline
+    baseline = replace(maker, begin=np.asarray([3000.0, 2.9, 0.35])).converged().baseline
     assert maker.asked[1][0] < 3000.0
     np.testing.assert_allclose(maker.asked[1][1:], [3.0, 0.3])
     np.testing.assert_array_equal(baseline.values[1:], [3.0, 0.3])
@@ -128,7 +154,7 @@ def test_nothing_is_moved_beyond_its_range():
 
 def test_a_move_that_agrees_worse_is_taken_back():
     maker = made(towards(BEGIN + SIZES * [4.0, 0.0, 0.0], share=-1.0))
-    found = maker.converged(BEGIN)
+    found = maker.converged()
     baseline, number = found.baseline, found.num_baselines
     assert number == len(maker.asked) == 2
     np.testing.assert_array_equal(baseline.values, BEGIN)
@@ -140,7 +166,7 @@ def test_a_move_to_where_nothing_is_seen_is_taken_back():
             raise NotTestableError("3 features")
         return np.asarray([4.0, 0.0, 0.0]), 9.0
 
-    found = made(tell).converged(BEGIN)
+    found = made(tell).converged()
     baseline, number = found.baseline, found.num_baselines
     assert number == 2
     np.testing.assert_array_equal(baseline.values, BEGIN)
@@ -151,7 +177,7 @@ def test_drives_that_show_too_little_are_told_at_once():
         raise NotTestableError("3 features")
 
     with pytest.raises(NotTestableError):
-        made(tell).converged(BEGIN)
+        made(tell).converged()
 
 
 @pytest.mark.parametrize(("sensitivity", "steps"), [(2.0, 5.0), (0.5, 10.0), (0.7, 9.5)])
@@ -166,7 +192,7 @@ def test_the_surrogate_says_how_far_to_go(sensitivity: float, steps: float):
 @pytest.mark.parametrize("change", [lambda steps: -steps, lambda steps: None, lambda steps: 3.0 * steps])
 def test_a_move_that_comes_no_nearer_in_the_surrogate_is_not_made(change: Callable):
     maker = made(towards(BEGIN + SIZES * [4.0, 0.0, 0.0]), change=change)
-    found = maker.converged(BEGIN)
+    found = maker.converged()
     assert found.num_baselines == len(maker.asked) == 1
     assert found.num_surrogate_runs == 2 * plan_diagnosis(1.0).slope_runs
     np.testing.assert_array_equal(found.baseline.values, BEGIN)
@@ -179,7 +205,7 @@ def test_where_the_surrogate_leads_too_far_its_first_step_is_tried():
             raise AllRunsFailedError("the calibrated values failed in SUMO", "")
         return np.asarray([0.0 if steps[0] > 1.0 else 12.0, 0.0, 0.0]), 10.0 - steps[0]
 
-    found = (maker := made(tell)).converged(BEGIN)
+    found = (maker := made(tell)).converged()
     np.testing.assert_allclose([(one[0] - BEGIN[0]) / SIZES[0] for one in maker.asked], [0.0, 10.0, 5.0], rtol=1e-6)
     assert found.num_baselines == 3
     np.testing.assert_array_equal(found.baseline.values, maker.asked[-1])

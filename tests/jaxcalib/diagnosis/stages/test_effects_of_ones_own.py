@@ -68,6 +68,7 @@ ROAD = Conventions(
 )
 LAYOUT = ParameterLayout(("main",), (("flow",),), ("car",), ("tau",))
 VALUES = np.asarray([1800.0, 1.3])
+OPEN_STEPS = np.full(len(VALUES), 1.5)
 
 
 def _perceive(dial: Dial, situation: FollowingSituation, moment: Moment) -> FollowingSituation:
@@ -260,8 +261,10 @@ def diagnosed(null: Null, field: Sequence[DriveTable]) -> tuple[Tried, Any]:
         ),
     )
     tallies = drives(field, null.features)
-    fitted = prepare(problem, tallies, null.runs, null.trials)
-    baseline = Baseline(VALUES, null.features, cast(Any, None), null.runs, null.runner, null.trials, tallies, fitted)
+    fitted = prepare(problem, tallies, null.runs, null.trials, OPEN_STEPS)
+    baseline = Baseline(
+        VALUES, null.features, cast(Any, None), null.runs, null.runner, null.trials, tallies, fitted, OPEN_STEPS
+    )
     session = cast(
         Any,
         SimpleNamespace(
