@@ -166,7 +166,8 @@ def _judge_yaw_rate(windows: SubjectWindows, motion: DriveMotion) -> list[Contra
         return []
     scale = float(fit.value[0])
     unit = unit_of(scale, ANGLE_UNITS)
-    explained = 1.0 - fit.scatter / max(float(np.median(np.abs(windows.bent_rad[known]))), 1e-9)
+    left_rad = (windows.bent_rad - scale * windows.turned_rad)[known]  # most windows of a straight road do not turn
+    explained = 1.0 - float(np.nansum(np.abs(left_rad)) / np.nansum(np.abs(windows.bent_rad[known])))
     if explained < LEAST_EXPLAINED:
         return []  # noise of a gyroscope, or lane changes on a straight road
     if scale < -0.5:

@@ -79,6 +79,18 @@ def test_each_fault_is_found_with_its_size_and_nothing_else(fault: str, number: 
         assert found[0].drives == tuple(motion.id for motion in motions[:number])
 
 
+def test_lane_changes_on_a_road_that_hardly_bends_contradict_nothing():
+    """One bend, which the gyroscope's filter flattens to nothing, and lane changes elsewhere."""
+    random, motions = np.random.default_rng(3), []
+    for seed in range(NUM_DRIVES):
+        motion = drive(seed)
+        number = len(motion.time_s)
+        bend = 0.2 * np.clip((np.arange(number) - 0.5 * number) / 40.0, 0.0, 1.0)
+        turning = 0.02 * np.sin(np.arange(number) / 6.0) * (random.uniform(size=number) < 0.3)
+        motions.append(replace(motion, heading_rad=bend, yaw_rate_radps=turning))
+    assert judged(motions) == []
+
+
 def test_objects_of_another_drive_are_no_objects_of_this():
     motion, other = drive(3), drive(4)
     columns = ("object_time_s", "vehicle", "relative_x_m", "relative_y_m", "object_speed_mps")
