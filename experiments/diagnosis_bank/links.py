@@ -16,7 +16,6 @@ LINKS = {
         (pairs, "temperature_at", lambda misfit, by_chance: LEAST_TEMPERATURE),
     ],
     "squeezing": [(marginal_likelihood, "KNEE", 1e6)],
-    "alike_errors": [(marginal_likelihood, "ERRORS_ALIKE", 0.0)],
     "heavy_tail": [(noise, "MOST_TAIL", 1.0)],
     "refit": [(refitted, "contenders", lambda explained, signatures, verdict: [])],
     "places": [(tried, "_refined", lambda session, baseline, book, found: found)],

@@ -27,7 +27,6 @@ from jaxcalib.statistics.normal import HALF_WIDTH_90
 
 SIGNATURE_ERROR = 0.5  # of a signature's size in a feature; see docs/diagnosis.md for how it was measured
 KNEE = 5.0  # in units of noise: from there on differences count by their logarithm
-ERRORS_ALIKE = 0.5  # share of a signature's error that is alike in features whose noise is alike
 MOST_STRENGTH = 1.15  # of strong; beyond it a signature is not extrapolated
 # Explanations and strengths are told apart by the shape of signatures that a surrogate made; its errors are alike in
 # neighbouring features, which the model counts as independent. So differences between them count for less than they
@@ -126,14 +125,14 @@ def explain(
         medium: its medium strength, on whose scale strengths are equally likely.
         num_places: how many places and times were looked at to find the signatures' ones: looking costs.
     """
-    alike, knees = alike_errors(null), knees_of(null.cells)
+    knees = knees_of(null.cells)
     judged = squeezed(difference, knees)
     values, squares, strengths, numbers = [], [], [], []
     shifts = []
     for number, signature in enumerate(signatures):
         tried = strengths_of(signature, medium)
         for strength in tried:
-            shift, uncertain = predicted(signature, strength, alike, knees)
+            shift, uncertain = predicted(signature, strength, knees)
             covariance = null.covariance + uncertain
             value, square = log_density(judged - shift, covariance)
             values.append(value - np.log(len(tried)))
@@ -186,13 +185,6 @@ def interval_90(strength: np.ndarray, posterior: np.ndarray, exactness: float) -
     return float(outwards[0]), float(outwards[1])
 
 
-def alike_errors(null: NullModel) -> np.ndarray:
-    """Return the correlations of what a signature may be wrong by."""
-    deviation = np.sqrt(np.diag(null.noise))
-    noise = null.noise / np.outer(deviation, deviation)
-    return ERRORS_ALIKE * noise + (1.0 - ERRORS_ALIKE) * np.eye(len(deviation))
-
-
 def strengths_of(signature: Signature, medium: float) -> np.ndarray:
     """Return the strengths at which a signature is judged, all equally likely beforehand."""
     if signature.is_fixed:
@@ -201,21 +193,17 @@ def strengths_of(signature: Signature, medium: float) -> np.ndarray:
     return tried[tried <= MOST_STRENGTH * max(signature.strengths[-1], medium)]
 
 
-def predicted(
-    signature: Signature, strength: float, alike: np.ndarray, knees: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+def predicted(signature: Signature, strength: float, knees: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Prediction of a signature at a strength, as it is judged, and the covariance of its error."""
     shift, error = signature.at(strength)
-    return squeezed(shift, knees), uncertainty(signature, shift, error, alike, knees)
+    return squeezed(shift, knees), uncertainty(signature, shift, error, knees)
 
 
-def uncertainty(
-    signature: Signature, shift: np.ndarray, error: np.ndarray, alike: np.ndarray, knees: np.ndarray
-) -> np.ndarray:
+def uncertainty(signature: Signature, shift: np.ndarray, error: np.ndarray, knees: np.ndarray) -> np.ndarray:
     """Covariance of what a shift that a signature predicts may be wrong by, as it is judged."""
     wrong = SIGNATURE_ERROR * signature.exactness * squeezed(shift, knees)
     steepness = 1.0 / np.hypot(1.0, shift / knees)
-    return np.outer(wrong, wrong) * alike + np.diag((steepness * error) ** 2)
+    return np.diag(wrong**2 + (steepness * error) ** 2)
 
 
 def signature_behind(several: Sequence[Signature], explanation: Explained) -> Signature:

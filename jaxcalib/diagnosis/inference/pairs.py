@@ -18,7 +18,6 @@ from jaxcalib.diagnosis.inference.marginal_likelihood import (
     TEMPERATURE,
     UNKNOWN,
     Explained,
-    alike_errors,
     interval_90,
     knees_of,
     log_density,
@@ -79,8 +78,8 @@ def judge_pairs(
     best = [each for each in explained if each.is_effect and each.name in signatures][:AMONG_BEST]
     if len(best) < 2:
         return None
-    alike, knees = alike_errors(null), knees_of(null.cells)
-    traces = {each.name: _traces(signatures[each.name], each, alike, knees) for each in best}
+    knees = knees_of(null.cells)
+    traces = {each.name: _traces(signatures[each.name], each, knees) for each in best}
     looked = {each.name: float(np.log(num_places.get(each.name, 1))) for each in best}
     pairs = []
     for one, other in combinations(best, 2):
@@ -119,20 +118,20 @@ class _Trace(NamedTuple):
     open_form: float  # how far its form is open
 
 
-def _traces(several: Sequence[Signature], explanation: Explained, alike: np.ndarray, knees: np.ndarray) -> list[_Trace]:
+def _traces(several: Sequence[Signature], explanation: Explained, knees: np.ndarray) -> list[_Trace]:
     """Return an effect at several strengths, at the place where it alone agrees best."""
     own = signature_behind(several, explanation)
     medium = effect_named(explanation.name).medium
     return [
-        _trace(signature, strength, alike, knees)
+        _trace(signature, strength, knees)
         for signature in ([each for each in several if each.is_fixed] if own.is_fixed else [own])
         for strength in strengths_of(signature, medium)[:: 1 if own.is_fixed else EVERY_STRENGTH]
     ]
 
 
-def _trace(signature: Signature, strength: float, alike: np.ndarray, knees: np.ndarray) -> _Trace:
+def _trace(signature: Signature, strength: float, knees: np.ndarray) -> _Trace:
     shift, error = signature.at(strength)
-    uncertain = uncertainty(signature, shift, error, alike, knees)
+    uncertain = uncertainty(signature, shift, error, knees)
     return _Trace(told_strength(signature, strength), shift, uncertain, open_form(signature))
 
 

@@ -25,7 +25,6 @@ from jaxcalib.diagnosis.inference.marginal_likelihood import (
     SIGNATURE_ERROR,
     TRACE_ERROR,
     Explained,
-    alike_errors,
     signature_behind,
 )
 from jaxcalib.diagnosis.inference.sumo_check import CHECKED_EXACTNESS
@@ -123,8 +122,7 @@ class _Course:
 
     def noise(self, exactness: float | np.ndarray) -> np.ndarray:
         """Covariance of chance and of the effect model's error: the road's may differ."""
-        wrong = SIGNATURE_ERROR * exactness * self.shift
-        return self.fitted.null.noise + np.outer(wrong, wrong) * alike_errors(self.fitted.null)
+        return self.fitted.null.noise + np.diag((SIGNATURE_ERROR * exactness * self.shift) ** 2)
 
     def noise_of(self, exactness: float | np.ndarray) -> Callable[[ExplainedRuns, np.ndarray], np.ndarray]:
         """Function from runs to the covariance around them: an effect that brings jams brings their chance too."""

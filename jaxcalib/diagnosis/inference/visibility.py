@@ -15,7 +15,6 @@ from jaxcalib.diagnosis.features.noise import NullModel
 from jaxcalib.diagnosis.features.signature import Signature
 from jaxcalib.diagnosis.inference.marginal_likelihood import (
     TRACE_ERROR,
-    alike_errors,
     knees_of,
     predicted,
     squeezed,
@@ -53,7 +52,7 @@ def atlas_of(
 ) -> dict[str, AtlasEntry]:
     """Return the atlas; of local effects and rhythms the strongest signature speaks for the rest."""
     precision, raw = np.linalg.inv(null.covariance), np.linalg.inv(null.noise)
-    by_chance, alike_error, knees = raw * null.noise, alike_errors(null), knees_of(null.cells)
+    by_chance, knees = raw * null.noise, knees_of(null.cells)
     random = np.random.default_rng(0).standard_normal((2 * len(precision) + 1, NUM_FIELDS))
 
     def slope(signature: Signature) -> float:
@@ -80,7 +79,6 @@ def atlas_of(
                         each,
                         medium,
                         share * null.covariance,
-                        alike_error,
                         knees,
                         cost,
                         _true_shares(each, raw, by_chance),
@@ -108,7 +106,6 @@ class _Judge:
         signature: Signature,
         medium: float,
         covariance: np.ndarray,
-        alike: np.ndarray,
         knees: np.ndarray,
         cost: float,
         true_shares: list[float],
@@ -119,19 +116,18 @@ class _Judge:
             signature: of the effect.
             medium: its medium strength.
             covariance: of the null.
-            alike: correlations of what a signature may be wrong by.
             knees: from where on differences count by their logarithm.
             cost: of the places and times that were looked at, in log evidence.
             true_shares: what of the signature is no chance of its runs, at each known strength but 0.
         """
         self.strengths = signature.strengths
         self.is_fixed = signature.is_fixed
-        self._signature, self._alike, self._knees = signature, alike, knees
+        self._signature, self._knees = signature, knees
         self._cost, self._true_shares = cost, true_shares
         self._none = np.linalg.cholesky(covariance)
         self._explanations = []
         for strength in strengths_of(signature, medium):
-            shift, uncertain = predicted(signature, strength, alike, knees)
+            shift, uncertain = predicted(signature, strength, knees)
             self._explanations.append((shift, np.linalg.cholesky(covariance + uncertain)))
 
     def power(self, strength: float, random: np.ndarray) -> float:
@@ -143,7 +139,7 @@ class _Judge:
         known = self.strengths[1:]
         not_true = 1.0 - np.interp(strength, known, self._true_shares)
         expected, error = self._signature.at(strength)
-        uncertain = uncertainty(self._signature, expected, np.sqrt(1.0 - not_true) * error, self._alike, self._knees)
+        uncertain = uncertainty(self._signature, expected, np.sqrt(1.0 - not_true) * error, self._knees)
         shown = strength * np.exp(TRACE_ERROR * np.mean(self._signature.exactness) * random[-1])
         true = np.interp(shown, known, self._true_shares)
         shift = true * np.stack([self._signature.at(each)[0] for each in shown], axis=1)
