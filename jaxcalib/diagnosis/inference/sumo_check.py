@@ -58,7 +58,7 @@ Explain = Callable[[Mapping[str, Sequence[Signature]]], Sequence[Explained]]
 
 
 def worth_a_look(explained: Sequence[Explained], by_chance: float) -> list[str]:
-    """Return the effects that may win once SUMO shows what they do; `by_chance` is the misfit that chance leaves."""
+    """Return the effects that may win once SUMO shows what they do, best first; `by_chance` is chance's misfit."""
     best = max(explanation.log_evidence for explanation in explained)
     least = best - LOOKED_AT * temperature(explained, by_chance)
     return [explanation.name for explanation in explained if explanation.is_effect and explanation.log_evidence > least]
@@ -68,18 +68,23 @@ def check_in_sumo(
     null: NullModel,
     plain: DriveTallies,
     signatures: Mapping[str, Sequence[Signature]],
-    looked_at: Sequence[str],
+    by_chance: float,
     explain: Explain,
     is_expressible: Callable[[str], bool],
     run: Run,
 ) -> Checked:
-    """Run effects at medium strength, then the best ones until the best two are checked or exact already.
+    """Run effects at medium strength, then the best and those close behind until they are checked, or exact already.
 
-    Where `run` returns None, SUMO's runs failed, and the surrogate's word must do. `looked_at` are the effects that run
-    at medium strength.
+    The likeliest comes first: once SUMO has shown that one explains the drives, few others may still win. Where `run`
+    returns None, SUMO's runs failed, and the surrogate's word must do. `by_chance` is the misfit that chance leaves.
     """
-    known, num_look_runs = dict(signatures), 0
-    for name in filter(is_expressible, looked_at):
+    known, num_look_runs, looked_at = dict(signatures), 0, set[str]()
+    explained = list(explain(known))
+    while left := [
+        name for name in worth_a_look(explained, by_chance) if name not in looked_at and is_expressible(name)
+    ]:
+        name = left[0]
+        looked_at.add(name)
         medium = Explained(name, 0.0, strength=effect_named(name).medium)
         best = signature_behind(known[name], medium)
         strength = best.strengths[-1] if best.is_fixed else medium.strength
@@ -88,7 +93,7 @@ def check_in_sumo(
             shift, error = measured_shift(tallies, plain, null)
             known[name] = [corrected(each, best, strength, shift, error) for each in known[name]]
             num_look_runs += tallies.num_runs
-    explained = list(explain(known))
+            explained = list(explain(known))
     checks: list[Check] = []
     done: set[str] = set()
     for _ in range(NUM_CHECKED):
@@ -133,10 +138,10 @@ def corrected(
 
 
 def _contenders(explained: Sequence[Explained]) -> list[Explained]:
-    """Return the best two effects and any that is close behind, best first, of those that do better than nothing."""
+    """Return the best effect and any that is close behind, best first, of those that do better than nothing."""
     effects = effects_above_none(explained)
     best = effects[0].log_evidence if effects else 0.0
-    return [contender for rank, contender in enumerate(effects) if rank < 2 or contender.log_evidence > best - WITHIN]
+    return [contender for contender in effects if contender.log_evidence > best - WITHIN]
 
 
 def _check(

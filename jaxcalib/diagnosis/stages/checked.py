@@ -2,7 +2,7 @@
 
 from jaxcalib.diagnosis.inference.baseline import Baseline
 from jaxcalib.diagnosis.inference.marginal_likelihood import best_gain
-from jaxcalib.diagnosis.inference.sumo_check import Checked, check_in_sumo, worth_a_look
+from jaxcalib.diagnosis.inference.sumo_check import Checked, check_in_sumo
 from jaxcalib.diagnosis.inference.verdict import LEAST_EVIDENCE
 from jaxcalib.diagnosis.stages.session import DiagnosisSession
 from jaxcalib.diagnosis.stages.tried import Tried, explaining
@@ -19,7 +19,7 @@ def check_best(session: DiagnosisSession, baseline: Baseline, tried: Tried) -> C
             baseline.fitted.null,
             baseline.runs.plain,
             tried.signatures,
-            worth_a_look(tried.explained, baseline.by_chance),
+            baseline.by_chance,
             explaining(session, baseline, tried.num_places),
             lambda name: is_expressible(session.problem.scenario, name),
             baseline.in_sumo.with_effect,

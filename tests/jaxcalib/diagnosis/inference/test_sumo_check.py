@@ -50,6 +50,9 @@ def test_a_correction_is_a_mean_of_both_and_grows_with_strength():
     np.testing.assert_array_equal(unseen.shift, one.shift)
 
 
+LITTLE = 1.0  # misfit by chance: what any explanation leaves makes evidence worth little
+
+
 def test_the_right_effect_overtakes_one_that_the_surrogate_favours():
     random = np.random.default_rng(8)
     difference = np.linalg.cholesky(NULL.covariance) @ random.standard_normal(SIZE) + 1.2 * DIRECTION
@@ -67,7 +70,7 @@ def test_the_right_effect_overtakes_one_that_the_surrogate_favours():
 
     assert explained(signatures)[0].name == "grade"
     checked = check_in_sumo(
-        NULL, runs(np.zeros(SIZE), 4), signatures, list(signatures), explained, lambda name: name == "memory", run
+        NULL, runs(np.zeros(SIZE), 4), signatures, LITTLE, explained, lambda name: name == "memory", run
     )
     assert asked == [("memory", True), ("memory", False)]
     assert checked.explained[0].name == "memory"
@@ -95,6 +98,31 @@ def test_effects_far_behind_are_not_looked_at():
     assert worth_a_look(found, 40.0) == ["memory", "ramp_inflow_error", "grade"]  # the temperature is 4
 
 
+def test_once_one_explains_the_drives_others_are_not_looked_at():
+    """Two effects that the surrogate shows half of: whichever comes first ends the looking if it is the right one."""
+    difference = 3.0 * DIRECTION
+    half = {"memory": [signature("memory", 0.5 * DIRECTION)], "grade": [signature("grade", 0.5 * DIRECTION + 0.1)]}
+
+    def explained(several):
+        found = [explain(difference, NULL, one, 1.0) for one in several.values()]
+        return sorted([*found, explain_none(difference, NULL)], key=lambda one: -one.log_evidence)
+
+    def asked_of(true: str) -> list[str]:
+        asked = []
+
+        def run(name: str, setting, is_first_look: bool) -> DriveTallies:
+            asked.append(name)
+            return runs(setting.strength * (3.0 if name == true else 0.5) * DIRECTION, 9)
+
+        check_in_sumo(NULL, runs(np.zeros(SIZE), 4), half, float(SIZE), explained, lambda name: True, run)
+        return asked
+
+    first = explained(half)[0].name
+    other = next(name for name in half if name != first)
+    assert set(asked_of(first)) == {first}
+    assert asked_of(other)[:2] == [first, other]
+
+
 def test_what_fails_in_sumo_keeps_the_surrogate_s_signature():
     signatures = {"memory": [signature("memory", WRONG)], "keep_right": [signature("keep_right", DIRECTION)]}
     asked = []
@@ -106,9 +134,7 @@ def test_what_fails_in_sumo_keeps_the_surrogate_s_signature():
     def run(name: str, setting, is_first_look: bool) -> None:
         asked.append((name, is_first_look))
 
-    checked = check_in_sumo(
-        NULL, runs(np.zeros(SIZE), 4), signatures, list(signatures), explained, lambda name: True, run
-    )
-    assert sorted(asked) == [(name, first) for name in ("keep_right", "memory") for first in (False, True)]
+    checked = check_in_sumo(NULL, runs(np.zeros(SIZE), 4), signatures, float(SIZE), explained, lambda name: True, run)
+    assert asked == [("keep_right", True), ("keep_right", False)]  # the other is far behind
     assert checked.checks == ()
     assert checked.signatures == signatures
