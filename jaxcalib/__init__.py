@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from jaxcalib.calibration.result.result import CalibrationResult
     from jaxcalib.diagnosis.answer.answer import Diagnosis
     from jaxcalib.diagnosis.run import diagnose
+    from jaxcalib.dossier.dossier import Dossier, write_dossier
     from jaxcalib.errors import CaseError
     from jaxcalib.sweeps.sweep import SweepResult, sweep
     from jaxcalib.validation.result import ValidationResult
@@ -20,24 +21,28 @@ __all__ = [
     "CalibrationResult",
     "CaseError",
     "Diagnosis",
+    "Dossier",
     "SweepResult",
     "ValidationResult",
     "calibrate",
     "diagnose",
     "sweep",
     "validate",
+    "write_dossier",
 ]
 
 _HOME = {
     "CalibrationResult": "jaxcalib.calibration.result.result",
     "CaseError": "jaxcalib.errors",
     "Diagnosis": "jaxcalib.diagnosis.answer.answer",
+    "Dossier": "jaxcalib.dossier.dossier",
     "SweepResult": "jaxcalib.sweeps.sweep",
     "ValidationResult": "jaxcalib.validation.result",
     "calibrate": "jaxcalib.calibration.pipeline",
     "diagnose": "jaxcalib.diagnosis.run",
     "sweep": "jaxcalib.sweeps.sweep",
     "validate": "jaxcalib.validation.validate",
+    "write_dossier": "jaxcalib.dossier.dossier",
 }
 
 

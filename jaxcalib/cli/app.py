@@ -441,6 +441,44 @@ def validate(
     )
 
 
+@app.command
+def dossier(
+    case: Path,
+    run: Path,
+    /,
+    *,
+    out: Path | None = None,
+    validation: Path | None = None,
+    diagnosis: Path | None = None,
+    statement: Path | None = None,
+    quiet: Annotated[bool, Parameter(negative="")] = False,
+) -> int:
+    """Write what an assessor asks of simulated traffic into one document: evidence by heading, and what is missing.
+
+    Leaves dossier.html and dossier.json.
+
+    Parameters
+    ----------
+    case
+        Folder with case.toml, the SUMO scenario and the logs.
+    run
+        Folder that `jaxcalib calibrate` has left.
+    out
+        Folder for the document; RUN/dossier unless given.
+    validation
+        Folder that `jaxcalib validate` has left; RUN/validation, if there is one, unless given.
+    diagnosis
+        Folder that `jaxcalib diagnose` has left; RUN/diagnosis, if there is one, unless given.
+    statement
+        TOML file in which people say what the simulation is for (docs/dossier.md).
+    quiet
+        Say nothing but errors.
+    """
+    from jaxcalib.cli.dossier_command import run_dossier
+
+    return run_dossier(case, run, out, validation, diagnosis, statement, quiet=quiet)
+
+
 def main() -> None:
     """Run the command line."""
     keep_compiled_programs()

@@ -1,0 +1,1 @@
+"""One document from calibration, validation and diagnosis, for whoever judges whether a test may rest on it."""

@@ -1,0 +1,187 @@
+"""The dossier says what files show and names what is missing; results are made up, the case is corridor."""
+
+import hashlib
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from jaxcalib.cli.app import app
+from jaxcalib.dossier.dossier import HEADINGS, write_dossier
+from jaxcalib.dossier.use_and_data import ASKED_OF_PEOPLE
+from jaxcalib.errors import CaseError
+from jaxcalib.problem.problem import CalibrationProblem, read_problem
+from jaxcalib.runs.provenance import versions
+from tests.places import CORRIDOR
+
+NOTHING: dict[str, Any] = {"fit": {}, "held_out": {}}
+
+
+@pytest.fixture(scope="module")
+def problem() -> CalibrationProblem:
+    return read_problem(CORRIDOR)
+
+
+def result_of(problem: CalibrationProblem) -> dict[str, Any]:
+    """A result with one parameter that is told, one that is not, one error within chance and one beyond."""
+    values, layout = problem.template.base_values().tolist(), problem.layout
+    entry = {"scenario": 1.0, "initial": 1.1, "at_bound": False, "unit": "s", "source": "leader-follower pairs"}
+    errors = {"traffic_speed": 0.02, "cut_ins": 0.31}
+    return {
+        "format": 1,
+        "parameters": {
+            "demand": dict(zip(layout.input_ids, values, strict=False)),
+            "behaviour": {"car": dict(zip(layout.attributes, values[2:], strict=True))},
+        },
+        "seeds": {"search": 7},
+        "parameter_table": {
+            "tau": {**entry, "value": 1.2, "lower": 1.15, "upper": 1.26},
+            "lcStrategic": {**entry, "value": 2.0, "lower": 0.3, "upper": 6.0, "source": "scenario"},
+        },
+        "moes": {
+            "no_calibration": {"held_out": {"traffic_speed": 0.2, "cut_ins": 0.9}},
+            "calibrated": {"held_out": errors},
+            "noise_floor": {"held_out": {"traffic_speed": 0.02, "cut_ins": 0.1}},
+        },
+        "noise_floor_high": {"held_out": {"traffic_speed": 0.05, "cut_ins": 0.2}},
+        "intervals": {"calibrated": {"held_out": {"traffic_speed": [0.01, 0.04], "cut_ins": [0.1, 0.5]}}},
+        "per_seed": {"calibrated": {"held_out": {"traffic_speed": 0.03, "cut_ins": 0.4}}},
+        "health": {"calibrated": {"runs": 20, "failed": 0, "collisions": 3, "teleports": 0, "backlog_share": 0.013}},
+        "runs": {"surrogate": 2204, "sumo": 52},
+        "transfer": [{"measure": "free_speed_mps", "bias": -0.05, "bias_in_noise": -1.8}],
+        "screening": {},
+        "scenario": [],
+        "warnings": ["<b>a limit</b> of 3 lanes"],
+        "versions": versions(),
+    }
+
+
+def validation_of() -> dict[str, Any]:
+    """One criterion of each kind and one quantity of each verdict."""
+    one = {"standard": "jaxcalib", "is_upper": True, "note": "", "limit": 0.1}
+    same = {"interval_90": [-0.02, 0.03], "margin": 0.15, "source": "FHWA 2004", "more_drives": 0}
+    return {
+        "format": 1,
+        "role": "held_out",
+        "drives": ["d03", "d06"],
+        "num_rounds": 20,
+        "seeds": [500000, 500039],
+        "criteria": [
+            {**one, "name": "teleports", "value": 0.0, "passes": True},
+            {**one, "name": "collisions", "value": 0.4, "passes": False},
+            {**one, "name": "GEH below 5", "value": None, "passes": None, "note": "needs counts"},
+        ],
+        "equivalence": {
+            "traffic_speed_mps": {**same, "difference": 0.005, "verdict": "equivalent"},
+            "cut_ins_per_drive": {**same, "difference": 0.412, "verdict": "different"},
+            "subject_time_headway_s": {**same, "difference": 0.1, "verdict": "not enough drives", "more_drives": 11},
+        },
+    }
+
+
+DIAGNOSIS = {
+    "format": 1,
+    "verdict": "effect",
+    "effects": ["reaction_delay"],
+    "ranking": [{"effect": "reaction_delay", "probability": 0.97, "strength": 0.9, "strength_ci90": [0.8, 1.0]}],
+    "how_far": {"fraction_closed": 0.8, "fraction_closed_ci90": [0.6, 1.0]},
+    "undetectable_below": {"reaction_delay": 0.3, "keep_right": None},
+    "next_steps": ["Put reaction delay into the simulation and calibrate again with it."],
+}
+
+
+def run_with(folder: Path, **files: dict[str, Any]) -> Path:
+    """RUN with results of the given names, the others beside it."""
+    for name, content in files.items():
+        file = folder / ("result.json" if name == "result" else f"{name}/{name}.json")
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(json.dumps(content))
+    return folder
+
+
+def missing_of(dossier, heading: str) -> str:
+    (section,) = [section for section in dossier.sections if section.heading.startswith(heading)]
+    return "\n".join(section.missing)
+
+
+def test_every_heading_is_there_and_says_what_is_missing(problem: CalibrationProblem, tmp_path: Path):
+    run = run_with(tmp_path / "run", result=result_of(problem))
+    dossier = write_dossier(CORRIDOR, run)
+    assert len(dossier.sections) == len(HEADINGS)
+    assert all(section.missing or section.statements or section.tables for section in dossier.sections)
+    assert len(dossier.sections[0].missing) == len(ASKED_OF_PEOPLE)
+    assert "jaxcalib validate" in missing_of(dossier, "Validation")
+    assert "jaxcalib diagnose" in missing_of(dossier, "The gap")
+    assert "lcStrategic" in missing_of(dossier, "Calibration")
+    assert "tau" not in missing_of(dossier, "Calibration")
+    assert dossier.num_missing == sum(len(section.missing) for section in dossier.sections)
+
+
+def test_all_that_is_there_is_told_with_its_source(problem: CalibrationProblem, tmp_path: Path):
+    statement = tmp_path / "statement.toml"
+    statement.write_text('purpose = "Release of lane keeping."\n')
+    run = run_with(tmp_path / "run", result=result_of(problem), validation=validation_of(), diagnosis=DIAGNOSIS)
+    dossier = write_dossier(CORRIDOR, run, tmp_path / "out", statement=statement)
+    assert missing_of(dossier, "Purpose").count("\n") == len(ASKED_OF_PEOPLE) - 2
+    told = json.loads((tmp_path / "out/dossier.json").read_text())
+    words = [one["text"] for section in told["sections"] for one in section["statements"]]
+    assert all(one["source"] for section in told["sections"] for one in section["statements"] + section["tables"])
+    assert any("cut_ins_per_drive is known to differ by 41.2 %" in line for line in words)
+    assert any("Beyond chance on the held-out drives: cut ins." in line for line in words)
+    assert any("3 vehicle steps in collision" in line for line in words)
+    assert any("One effect is missing in the simulation: reaction delay." in line for line in words)
+    validation = missing_of(dossier, "Validation")
+    assert "GEH below 5 (jaxcalib): needs counts" in validation
+    assert "subject_time_headway_s is the same within 15.0 %: not enough drives; 11 more would tell" in validation
+    assert "traffic_speed_mps" not in validation
+    assert "keep right" in missing_of(dossier, "The gap")
+    (table,) = [t for s in told["sections"] for t in s["tables"] if t["title"] == "Files"]
+    hashes = dict(table["rows"])
+    assert hashes["result.json"] == hashlib.sha256((run / "result.json").read_bytes()).hexdigest()
+    assert {"case.toml", "statement.toml", "validation.json", "diagnosis.json"} < set(hashes)
+    page = (tmp_path / "out/dossier.html").read_text()
+    assert "&lt;b&gt;a limit&lt;/b&gt;" in page
+    assert "<script" not in page
+    assert all(section.heading.split(",")[0] in page for section in dossier.sections)
+
+
+def test_what_was_fitted_is_no_validation(problem: CalibrationProblem, tmp_path: Path):
+    run = run_with(tmp_path, result=result_of(problem), validation={**validation_of(), "role": "fit"})
+    assert "these were fitted" in missing_of(write_dossier(CORRIDOR, run), "Validation")
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "says"),
+    [
+        ("statement.toml", 'purpos = "x"', "statement.toml: purpos: expected one of purpose, scope"),
+        ("statement.toml", "purpose = 3", "statement.toml: purpose: expected a text"),
+        ("statement.toml", "purpose =", "expected TOML"),
+        ("validation.json", "{", "validation.json: expected a result of jaxcalib"),
+        ("validation.json", '{"format": 2}', "format: expected 1"),
+    ],
+)
+def test_files_that_are_refused(problem: CalibrationProblem, tmp_path: Path, name: str, content: str, says: str):
+    run = run_with(tmp_path / "run", result=result_of(problem))
+    (tmp_path / name).write_text(content)
+    given = {"statement": tmp_path / name} if name.startswith("statement") else {"validation_run": tmp_path}
+    with pytest.raises(CaseError) as error:
+        write_dossier(CORRIDOR, run, **given)
+    assert says in str(error.value)
+    assert not (run / "dossier").exists()
+
+
+def test_what_is_named_must_be_there(problem: CalibrationProblem, tmp_path: Path):
+    run = run_with(tmp_path / "run", result=result_of(problem))
+    with pytest.raises(CaseError, match=r"diagnosis\.json: expected this file"):
+        write_dossier(CORRIDOR, run, diagnosis_run=tmp_path)
+
+
+def test_the_command_says_what_is_missing(
+    problem: CalibrationProblem, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    run = run_with(tmp_path / "run", result=result_of(problem))
+    assert app(["dossier", str(CORRIDOR), str(run)], result_action="return_value") == 0
+    said = capsys.readouterr().out
+    assert f"Purpose and scope of use: {len(ASKED_OF_PEOPLE)} missing" in said
+    assert "dossier.html" in said
