@@ -44,6 +44,8 @@ class LeftOut(enum.Enum):
     # surrogate and SUMO share their equations of motion but not every single acceleration: SUMO averages some limit
     # cycles of one step only in what vehicles do, not in how they accelerate
     SINGLE_STEPS = "it depends on single steps"
+    # tails are what a simulation is judged by, not what it is fitted to, and far from normal
+    SAFETY = "it describes the rare and dangerous"
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 import jax.numpy as jnp
 
-from jaxcalib.measures import car_following, cut_in, lane_change, overtaking, traffic_flow
+from jaxcalib.measures import car_following, cut_in, lane_change, overtaking, safety, traffic_flow
 from jaxcalib.measures.fold import Fold
 from jaxcalib.measures.measure import Measure, Moe
 from jaxcalib.measures.measure_group import MeasureGroup
@@ -16,6 +16,7 @@ GROUPS: tuple[MeasureGroup, ...] = (
     lane_change.GROUP,
     cut_in.GROUP,
     overtaking.GROUP,
+    safety.GROUP,
 )
 
 

@@ -1,0 +1,112 @@
+"""Surrogate safety measures: worked out by hand, and against a simulation of braking vehicles."""
+
+from collections.abc import Callable, Mapping
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxcalib.measures.measure import Measure, MeasureValue
+from jaxcalib.measures.safety import FULL_BRAKING_MPS2, GROUP, TTC_LIMIT_S, brake_threat
+from surrogate.road.perception import PerceptionFrame
+from tests.jaxcalib.measures.hand_made import EGO, Car, drive, instant
+
+Count = Callable[[PerceptionFrame], dict[str, float]]
+MeasureOf = Callable[[PerceptionFrame, str], MeasureValue]
+LENGTH_M = 4.5
+
+
+def approach(gap_m: float, speed_mps: float, leader_mps: float, before_mps: float | None = None) -> PerceptionFrame:
+    """The subject vehicle closes in on track 0; half a second before it had another speed."""
+    before = speed_mps if before_mps is None else before_mps
+    return drive(
+        instant(7.0, Car(EGO, 1, 400.0, before), Car(0, 1, 430.0, leader_mps), Car(1, 1, 300.0, 15.0)),
+        instant(
+            7.5,
+            Car(EGO, 1, 410.0, speed_mps),
+            Car(0, 1, 410.0 + gap_m + LENGTH_M, leader_mps),
+            Car(1, 1, 351.0, 15.0),
+        ),
+    )
+
+
+@pytest.mark.parametrize(
+    ("gap_m", "exposed", "shortfall_s"),
+    [(20.0, 0.0, 0.0), (11.0, 1.0, TTC_LIMIT_S - 11.0 / 4.0), (5.0, 1.0, TTC_LIMIT_S - 5.0 / 4.0)],
+)
+def test_time_to_collision(measure: MeasureOf, gap_m: float, exposed: float, shortfall_s: float):
+    """4 m/s faster than the leader; the first frame, before which nothing was seen, does not count."""
+    frames = approach(gap_m, 22.0, 18.0)
+    assert measure(frames, "subject_ttc_exposed_share").value == pytest.approx(exposed)
+    assert measure(frames, "subject_ttc_integral_s").value == pytest.approx(shortfall_s, abs=1e-5)
+    found = measure(frames, "background_ttc_exposed_share")
+    assert (found.value, found.num_observations) == (0.0, 0.0)  # slower than the subject vehicle ahead
+
+
+def test_who_does_not_close_in_is_exposed_to_nothing(measure: MeasureOf, count: Count):
+    frames = approach(3.0, 18.0, 18.0)
+    assert measure(frames, "subject_ttc_exposed_share").value == 0.0
+    assert not measure(frames, "subject_ttc_p05_s").is_valid
+    assert count(frames)["subject_behind_leader_s"] == 0.5
+
+
+def test_deceleration_to_avoid_a_crash_and_near_misses(measure: MeasureOf):
+    near, far = approach(4.0, 24.0, 18.0), approach(6.0, 24.0, 18.0)  # 36 / 8 = 4.5 and 36 / 12 = 3 m/s^2
+    assert measure(near, "subject_drac_exposed_share").value == 1.0
+    assert measure(far, "subject_drac_exposed_share").value == 0.0
+    # half a second at 24 m/s: 12 m
+    assert measure(near, "subject_near_miss_s_p1000km").value == pytest.approx(0.5 / 12.0 * 1e6)
+    assert measure(far, "subject_near_miss_s_p1000km").value == 0.0
+
+
+def test_hard_braking(measure: MeasureOf):
+    hard, soft = approach(60.0, 18.0, 18.0, before_mps=19.6), approach(60.0, 18.0, 18.0, before_mps=19.4)
+    assert measure(hard, "subject_hard_braking_s_pkm").value == pytest.approx(0.5 / 9.0 * 1000.0)
+    assert measure(soft, "subject_hard_braking_s_pkm").value == 0.0
+
+
+def test_a_cut_in_leaves_a_time_gap_and_asks_for_a_deceleration(measure: MeasureOf):
+    frames = drive(
+        instant(1.0, Car(EGO, 1, 400.0, 25.0), Car(0, 0, 420.0, 20.0)),
+        instant(1.5, Car(EGO, 1, 412.5, 25.0), Car(0, 1, 430.0, 20.0)),
+    )
+    gap_m = 430.0 - 412.5 - LENGTH_M
+    assert measure(frames, "cut_in_time_gap_s").value == pytest.approx(gap_m / 25.0)
+    assert measure(frames, "cut_in_drac_mps2").value == pytest.approx(5.0**2 / (2.0 * gap_m), rel=1e-5)
+    assert measure(frames, "cut_in_time_gap_s").num_observations == 1
+
+
+def test_percentiles_are_of_closing_gaps_alone(measure: MeasureOf):
+    found = measure(approach(10.0, 22.0, 18.0), "subject_ttc_p15_s")  # 2.5 s, in the class from 2 to 3 s
+    assert found.num_observations == 1
+    assert 2.0 <= found.value <= 3.0
+
+
+def collides(gap_m: float, speed: float, leader: float, leader_braking: float, braking: float) -> bool:
+    """Whether two vehicles that brake evenly until they stand meet."""
+    time_s = np.arange(0.0, 300.0, 2e-3)
+
+    def way_m(begin: float, deceleration: float) -> np.ndarray:
+        stands_s = begin / deceleration if deceleration > 0 else np.inf
+        until = np.minimum(time_s, stands_s)
+        return begin * until - 0.5 * deceleration * until**2
+
+    return bool(np.any(way_m(speed, braking) - way_m(leader, leader_braking) > gap_m + 1e-3))
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_the_brake_threat_number_is_what_just_avoids_a_crash(seed: int):
+    random = np.random.default_rng(seed)
+    gap_m, speed, leader = random.uniform(2.0, 60.0), random.uniform(1.0, 35.0), random.uniform(0.5, 35.0)
+    braking = random.choice([0.0, random.uniform(0.5, 7.0)])
+    number = brake_threat(*(jnp.asarray([value]) for value in (gap_m, speed, leader, -braking)))
+    needed = float(number[0]) * FULL_BRAKING_MPS2
+    assert not collides(gap_m, speed, leader, braking, 1.02 * needed)
+    if needed > 0.05:
+        assert collides(gap_m, speed, leader, braking, 0.97 * needed)
+
+
+def test_none_of_it_is_fitted(measures: Mapping[str, Measure]):
+    names = {measure.name for measure in GROUP.measures(None)}  # pyright: ignore[reportArgumentType]
+    assert names < set(measures)
+    assert not any(measures[name].is_matched for name in names)
