@@ -5,6 +5,7 @@ from typing import Any
 
 from jaxcalib.dossier.evidence import Evidence
 from jaxcalib.dossier.section import Section
+from jaxcalib.measures.safety import safety_names
 
 SHOWN_CAUSES = 5
 WIDE = 0.5  # of what a parameter is: an interval wider than that says that the logs do not tell it
@@ -62,7 +63,18 @@ def calibration(evidence: Evidence) -> Section:
             section.say(
                 f"Beyond chance on the {role.replace('_', '-')} drives: {', '.join(above)}.", "result.json: moes"
             )
+        _show_safety(section, result["mops"], role)
     return section
+
+
+def _show_safety(section: Section, mops: Any, role: str) -> None:
+    """Tails of traffic, which nothing was fitted to."""
+    field, simulated = (mops[source].get(role, {}) for source in ("field", "sumo"))
+    rows = [(name, field.get(name), simulated.get(name)) for name in safety_names() if name in field]
+    columns = ("measure", "field", "simulated")
+    section.show(f"Safety measures on the {role.replace('_', '-')} drives", columns, rows, "result.json: mops")
+    if not rows:
+        section.lack(f"Safety measures on the {role.replace('_', '-')} drives: this result was made without them.")
 
 
 def validation(evidence: Evidence) -> Section:

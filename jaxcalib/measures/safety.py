@@ -17,7 +17,7 @@ from jaxtyping import Array, Float
 from jaxcalib.measures.fold import Fold, by_index, indexed, sums_by_class, within
 from jaxcalib.measures.measure import LeftOut, Level, Measure, Percentile
 from jaxcalib.measures.measure_group import MeasureGroup
-from jaxcalib.measures.scene import MeasureSettings, Scene
+from jaxcalib.measures.scene import Scene
 from sim_adapters.units import METRES_PER_KILOMETRE
 
 VEHICLE = Level.VEHICLE
@@ -132,8 +132,12 @@ def _at_cut_in(scene: Scene, gap_m: Float[Array, " object"], drac: Float[Array, 
     }
 
 
-def _measures(settings: MeasureSettings) -> list[Measure]:
-    del settings
+def safety_names() -> tuple[str, ...]:
+    """Names of the measures; the same on every road."""
+    return tuple(measure.name for measure in _all())
+
+
+def _all() -> list[Measure]:
     return [*_of_actor("subject"), *_of_actor("background"), *_OF_CUT_INS]
 
 
@@ -182,4 +186,4 @@ _OF_CUT_INS = (
     ),
 )  # fmt: skip
 
-GROUP = MeasureGroup(_measures, lambda settings: [Conflicts()])
+GROUP = MeasureGroup(lambda settings: _all(), lambda settings: [Conflicts()])

@@ -44,6 +44,10 @@ def result_of(problem: CalibrationProblem) -> dict[str, Any]:
             "calibrated": {"held_out": errors},
             "noise_floor": {"held_out": {"traffic_speed": 0.02, "cut_ins": 0.1}},
         },
+        "mops": {
+            "field": {"fit": {}, "held_out": {"subject_ttc_exposed_share": 0.013, "traffic_speed_mps": 23.0}},
+            "sumo": {"fit": {}, "held_out": {"subject_ttc_exposed_share": 0.021, "traffic_speed_mps": 22.0}},
+        },
         "noise_floor_high": {"held_out": {"traffic_speed": 0.05, "cut_ins": 0.2}},
         "intervals": {"calibrated": {"held_out": {"traffic_speed": [0.01, 0.04], "cut_ins": [0.1, 0.5]}}},
         "per_seed": {"calibrated": {"held_out": {"traffic_speed": 0.03, "cut_ins": 0.4}}},
@@ -136,6 +140,9 @@ def test_all_that_is_there_is_told_with_its_source(problem: CalibrationProblem, 
     assert "subject_time_headway_s is the same within 15.0 %: not enough drives; 11 more would tell" in validation
     assert "traffic_speed_mps" not in validation
     assert "keep right" in missing_of(dossier, "The gap")
+    tables = {table["title"]: table["rows"] for section in told["sections"] for table in section["tables"]}
+    assert tables["Safety measures on the held-out drives"] == [["subject_ttc_exposed_share", 0.013, 0.021]]
+    assert "Safety measures on the fit drives" in missing_of(dossier, "Calibration")
     (table,) = [t for s in told["sections"] for t in s["tables"] if t["title"] == "Files"]
     hashes = dict(table["rows"])
     assert hashes["result.json"] == hashlib.sha256((run / "result.json").read_bytes()).hexdigest()
