@@ -8,6 +8,7 @@ from cyclopts import App, Parameter
 from cyclopts.validators import Number
 
 from jaxcalib.cli.compilation_cache import keep_compiled_programs
+from jaxcalib.cli.hand_over import dossier, export
 from jaxcalib.importers.registry import IMPORTERS
 
 app = App(name="jaxcalib", help="Calibrate SUMO traffic around automated vehicles from their logs.")
@@ -441,42 +442,8 @@ def validate(
     )
 
 
-@app.command
-def dossier(
-    case: Path,
-    run: Path,
-    /,
-    *,
-    out: Path | None = None,
-    validation: Path | None = None,
-    diagnosis: Path | None = None,
-    statement: Path | None = None,
-    quiet: Annotated[bool, Parameter(negative="")] = False,
-) -> int:
-    """Write what an assessor asks of simulated traffic into one document: evidence by heading, and what is missing.
-
-    Leaves dossier.html and dossier.json.
-
-    Parameters
-    ----------
-    case
-        Folder with case.toml, the SUMO scenario and the logs.
-    run
-        Folder that `jaxcalib calibrate` has left.
-    out
-        Folder for the document; RUN/dossier unless given.
-    validation
-        Folder that `jaxcalib validate` has left; RUN/validation, if there is one, unless given.
-    diagnosis
-        Folder that `jaxcalib diagnose` has left; RUN/diagnosis, if there is one, unless given.
-    statement
-        TOML file in which people say what the simulation is for (docs/dossier.md).
-    quiet
-        Say nothing but errors.
-    """
-    from jaxcalib.cli.dossier_command import run_dossier
-
-    return run_dossier(case, run, out, validation, diagnosis, statement, quiet=quiet)
+app.command(dossier)
+app.command(export)
 
 
 def main() -> None:

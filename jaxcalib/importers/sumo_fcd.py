@@ -35,7 +35,7 @@ def read_recording(source: Path, options: ImportOptions) -> Imported:
         raise CaseError(
             "command line", "--scenario", "expected the scenario that SUMO ran: places are in its network's plane."
         )
-    slices = _slices_in(source)
+    slices = slices_in(source)
     name, crs = source.name.split(".")[0], None
     if _is_geographic(slices()):
         first = next(iter(slices()))
@@ -50,7 +50,12 @@ def read_recording(source: Path, options: ImportOptions) -> Imported:
     return Imported(tuple(drives), tuple(said))
 
 
-def _slices_in(source: Path) -> Callable[[], Iterable[Slice]]:
+def slices_in(source: Path) -> Callable[[], Iterable[Slice]]:
+    """Return what reads floating car data from its begin, slice by slice.
+
+    Raises:
+        CaseError: its name ends otherwise than those of such files.
+    """
     name = source.name.lower().removesuffix(".gz")
     if name.endswith(".xml"):
         return lambda: _xml_slices(source)

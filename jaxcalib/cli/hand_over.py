@@ -1,0 +1,79 @@
+"""Commands that hand a result over: to who approves a test, and to the simulator where it runs."""
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+from cyclopts import Parameter
+from cyclopts.validators import Number
+
+
+def dossier(
+    case: Path,
+    run: Path,
+    /,
+    *,
+    out: Path | None = None,
+    validation: Path | None = None,
+    diagnosis: Path | None = None,
+    statement: Path | None = None,
+    quiet: Annotated[bool, Parameter(negative="")] = False,
+) -> int:
+    """Write what an assessor asks of simulated traffic into one document: evidence by heading, and what is missing.
+
+    Leaves dossier.html and dossier.json.
+
+    Parameters
+    ----------
+    case
+        Folder with case.toml, the SUMO scenario and the logs.
+    run
+        Folder that `jaxcalib calibrate` has left.
+    out
+        Folder for the document; RUN/dossier unless given.
+    validation
+        Folder that `jaxcalib validate` has left; RUN/validation, if there is one, unless given.
+    diagnosis
+        Folder that `jaxcalib diagnose` has left; RUN/diagnosis, if there is one, unless given.
+    statement
+        TOML file in which people say what the simulation is for (docs/dossier.md).
+    quiet
+        Say nothing but errors.
+    """
+    from jaxcalib.cli.dossier_command import run_dossier
+
+    return run_dossier(case, run, out, validation, diagnosis, statement, quiet=quiet)
+
+
+def export(
+    case: Path,
+    run: Path,
+    /,
+    *,
+    out: Path,
+    to: Literal["osi", "fcd"] = "osi",
+    drive: str | None = None,
+    seed: Annotated[int, Parameter(validator=Number(gte=0, lte=2_000_000_000))] = 0,
+    quiet: Annotated[bool, Parameter(negative="")] = False,
+) -> int:
+    """Run the calibrated traffic in SUMO while the subject vehicle drives, and write it for another simulator.
+
+    Parameters
+    ----------
+    case
+        Folder with case.toml, the SUMO scenario and the logs.
+    run
+        Folder that `jaxcalib calibrate` has left.
+    out
+        Folder for the file.
+    to
+        osi: ASAM OSI ground truth (.mcap) whose host vehicle is the subject vehicle; fcd: SUMO's floating car data.
+    drive
+        Drive whose departure the subject vehicle has; the first held-out one unless given.
+    seed
+        Seed of SUMO.
+    quiet
+        Say nothing but errors.
+    """
+    from jaxcalib.cli.export_command import run_export
+
+    return run_export(case, run, out, to, drive, seed, quiet=quiet)

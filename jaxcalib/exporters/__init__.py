@@ -1,0 +1,1 @@
+"""Calibrated traffic in the formats of the simulators where vehicles are tested."""
