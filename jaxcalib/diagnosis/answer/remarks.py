@@ -63,8 +63,8 @@ def warnings_of(findings: Findings) -> list[str]:
     far = [name for name, steps in zip(findings.problem.layout.names, shift, strict=True) if abs(steps) > FAR_STEPS]
     if far:
         warnings.append(
-            f"the recalibration had not converged, or an effect bends it: {', '.join(far)} would move farther on all "
-            "features; slopes may be too coarse there."
+            f"{', '.join(far)}: the features would move them farther than logs allow; an effect may bend them, and "
+            "slopes may be too coarse there."
         )
     if findings.held_out is None:
         warnings.append("case.toml: no drive is held out; how far the gap shrinks is not told.")

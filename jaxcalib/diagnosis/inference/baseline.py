@@ -1,9 +1,8 @@
 """The calibrated simulation as a diagnosis needs it: SUMO's null runs, the parameters' slopes, the drives against it.
 
-Nothing is tested before the recalibration has converged. The calibration matches its own measures; where all features
-of the diagnosis together would still move a parameter far, it is moved there and everything is made again. Else what a
-poor calibration leaves would be taken for an effect. How far to go is found out in the surrogate, whose runs are cheap:
-by what the move changes there.
+It begins at what the logs say of the values. Where all features of the diagnosis together would still move a parameter
+far, it is moved there, within what the logs leave open, and everything is made again: else what poor values leave would
+be taken for an effect. How far to go is found out in the surrogate: by what the move changes there.
 """
 
 from collections.abc import Mapping, Sequence

@@ -15,7 +15,7 @@ from jaxcalib.runs.session import Session
 from sim_adapters.scenario.sumo_effects import is_expressible
 from surrogate.effects.registry import EFFECTS
 
-RECALIBRATION_SCALE = 0.5  # of the calibration's numbers of runs; the last step is taken on all features anyway
+FIRST_LOOK_SCALE = 0.5  # of the numbers of runs of a calibration's first look: what it leaves open is open here
 
 
 @dataclass(frozen=True)
@@ -24,7 +24,7 @@ class DiagnosisSession(Session):
 
     problem: CalibrationProblem  # the problem, with the sensors' range as stated
     plan: DiagnosisBudget  # the numbers of runs
-    calibration: Budget  # those of the recalibration
+    calibration: Budget  # those of the first look at both simulators
     parts: FinishedParts  # tallies of finished parts
 
     @property
@@ -40,13 +40,13 @@ class DiagnosisSession(Session):
 
 def begin_session(problem: CalibrationProblem, budget: float, work: Session) -> DiagnosisSession:
     """The session of a command as one of a diagnosis, whose progress has been told of the numbers of runs."""
-    plan, calibration = plan_diagnosis(budget), plan_budget(problem, RECALIBRATION_SCALE * budget)
+    plan, calibration = plan_diagnosis(budget), plan_budget(problem, FIRST_LOOK_SCALE * budget)
     num_parameters = len(problem.layout.names)
     num_expressible = sum(is_expressible(problem.scenario, effect.name) for effect in EFFECTS)
     num_trial_runs = (2 * num_parameters + 1) * plan.slope_runs + 2 * len(EFFECTS) * plan.effect_runs
     work.progress.plan(
-        calibration.num_surrogate_runs + num_trial_runs,
-        calibration.confirmation_runs * calibration.confirmation_rounds
+        calibration.noise_runs + num_trial_runs,
+        calibration.final_fit_runs
         + sum(num_runs_for(problem, number) for number in (plan.null_drives, plan.default_drives))
         + num_expressible * num_runs_for(problem, plan.look_drives)
         + 2 * num_runs_for(problem, plan.check_drives)
