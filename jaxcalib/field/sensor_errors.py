@@ -107,11 +107,12 @@ def without_errors(log: ObjectLog, motion: DriveMotion, errors: SensorErrors) ->
     steps = round(errors.late_s / motion.sampling_s)
     if steps == 0:
         return replace(log, relative_x_m=relative_x_m / errors.distance_factor, speed_mps=speed_mps)
-    # whole steps, for rows belong to the subject vehicle's
-    number = np.searchsorted(motion.time_s, log.time_s - 0.5 * motion.sampling_s)
-    earlier = np.clip(number - steps, 0, len(motion.time_s) - 1)
-    is_gone = (number - steps < 0) | (number - steps >= len(motion.time_s))
-    time_s = motion.time_s[earlier]
+    # whole steps, for rows belong to the subject vehicle's; those that belong to none stay, to be counted as such
+    last = len(motion.time_s) - 1
+    number = np.clip(np.searchsorted(motion.time_s, log.time_s - 0.5 * motion.sampling_s), 0, last)
+    belongs = np.abs(motion.time_s[number] - log.time_s) <= 0.5 * motion.sampling_s
+    is_gone = belongs & ((number - steps < 0) | (number - steps > last))
+    time_s = np.where(belongs, motion.time_s[np.clip(number - steps, 0, last)], log.time_s)
     moved = replace(log, time_s=time_s, relative_x_m=relative_x_m / errors.distance_factor, speed_mps=speed_mps)
     return moved.without(is_gone)
 
