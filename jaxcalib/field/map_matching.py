@@ -11,6 +11,7 @@ NEAREST_POINTS = 8  # enough to reach both sides of a lane's border and of a ben
 LANE_TOLERANCE_M = 0.5  # beyond half a lane's width: a vehicle that changes lanes is in either for a moment
 ROADSIDE_M = 1.0  # beyond the outermost lanes: farther off it is on a ramp or on the shoulder
 BORDER_REACH_M = 30.0  # errors of range, late reports and biased sensors carry an object across an edge's end
+ROAD_REACH_M = 30.0  # across from any lane: a wide carriageway, and errors of position
 MAP_REACH_M = 100.0  # a map that lies wrong, or a place that drifts, carries everything farther
 
 
@@ -49,6 +50,23 @@ def match_points(geometry: RouteGeometry, xy: np.ndarray) -> MatchedPoints:
     _, nearest = geometry.tree.query(xy, k=min(NEAREST_POINTS, len(geometry.segment_of_point)))
     segment = geometry.segment_of_point[nearest.reshape(len(xy), -1)]
     return _nearest_of(geometry, xy, segment)
+
+
+def beyond_ends_m(geometry: RouteGeometry, xy: np.ndarray) -> np.ndarray:
+    """Return how far each point lies before the route's beginning or behind its end, along the road; 0 elsewhere.
+
+    A point counts as beyond an end where the straight line on from there passes within ROAD_REACH_M.
+    """
+    begin_m, end_m = geometry.begin_m, geometry.begin_m + geometry.length_m
+    beyond_m = np.zeros(len(xy))
+    for segment, sign in ((int(np.argmin(begin_m)), -1.0), (int(np.argmax(end_m)), 1.0)):
+        step = geometry.step_xy[segment]
+        along = step / np.hypot(*step)
+        end_xy = geometry.begin_xy[segment] + (step if sign > 0.0 else 0.0)
+        away = xy - end_xy
+        over_m, aside_m = sign * (away @ along), np.abs(away @ np.asarray([-along[1], along[0]]))
+        beyond_m = np.where((over_m > 0.0) & (aside_m <= ROAD_REACH_M), np.maximum(beyond_m, over_m), beyond_m)
+    return beyond_m
 
 
 def match_points_in_rows(

@@ -10,6 +10,7 @@ from jaxcalib.field.log_checks import MOST_WRONG, refuse_if_most, refuse_lanes, 
 from jaxcalib.field.log_tables import SubjectLog
 from jaxcalib.field.map_matching import (
     BORDER_REACH_M,
+    beyond_ends_m,
     lane_centre_m,
     match_lanes,
     match_points,
@@ -22,6 +23,7 @@ from sim_adapters.frame_table import SubjectTable
 FARTHEST_FROM_ROUTE_M = 30.0
 MOST_CONTRADICTING = 0.05  # share of rows; the subject vehicle's own lane should be known
 BACKWARDS_M = 5.0  # errors of position at standstill are smaller
+FARTHEST_BEYOND_M = 300.0  # an end of the route: recordings go on where a network ends, but not for long
 
 
 @dataclass(frozen=True)
@@ -55,6 +57,10 @@ def match_subject(geometry: RouteGeometry, log: SubjectLog) -> MatchedSubject:
         )
     xy = log.place.points(geometry, log_row)
     reached = np.asarray(np.isfinite(xy).all(axis=1))
+    beyond_m = beyond_ends_m(geometry, np.where(reached[:, None], xy, 1e9))
+    inside = (beyond_m <= BACKWARDS_M) | (beyond_m > FARTHEST_BEYOND_M)
+    if inside.sum() > 0.5 * len(inside):  # else it is the log of another road
+        log_row, xy, reached = log_row[inside], xy[inside], reached[inside]
     point = match_points(geometry, np.where(reached[:, None], xy, 1e9))
     far = point.distance_m > FARTHEST_FROM_ROUTE_M
     if np.any(far):
@@ -89,7 +95,9 @@ def match_subject(geometry: RouteGeometry, log: SubjectLog) -> MatchedSubject:
         lateral_m=placed.lateral_m,
         num_lanes=geometry.num_lanes[geometry.edge_at(placed.position_m)],
     )
-    warnings = _subject_warnings(log, table, int(lanes.contradicts.sum()), num_contradicting_roads)
+    warnings = _subject_warnings(
+        log, table, int((~has_place).sum()), int(lanes.contradicts.sum()), num_contradicting_roads
+    )
     return MatchedSubject(table, log.yaw_rate_radps[log_row], log_row, lanes.edge, across_m, warnings)
 
 
@@ -116,12 +124,17 @@ def _acceleration(log: SubjectLog, log_row: np.ndarray) -> np.ndarray:
 
 
 def _subject_warnings(
-    log: SubjectLog, table: SubjectTable, num_contradicting_lanes: int, num_contradicting_roads: int
+    log: SubjectLog,
+    table: SubjectTable,
+    num_without_place: int,
+    num_contradicting_lanes: int,
+    num_contradicting_roads: int,
 ) -> tuple[str, ...]:
     name, num_rows = log.file.name, len(log.time_s)
     steps_m = np.diff(table.position_m)
     found = [
-        (num_rows - len(table.time_s), "rows have no place or no speed and are left out"),
+        (num_without_place, "rows have no place or no speed and are left out"),
+        (num_rows - len(table.time_s) - num_without_place, "rows lie before the route or behind it and are left out"),
         (int(np.isnan(log.acceleration_mps2).sum()), "rows have no acceleration; it is taken from the speeds"),
         (num_contradicting_lanes, "rows have a lane other than where the place lies; the lane counts"),
         (num_contradicting_roads, "rows name a road other than where the place lies; the place counts"),

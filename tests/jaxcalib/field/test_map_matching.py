@@ -13,6 +13,8 @@ from jaxcalib.field.log_checks import refuse_lanes
 from jaxcalib.field.log_tables import LANE_UNKNOWN
 from jaxcalib.field.logged_place import LoggedPlace
 from jaxcalib.field.map_matching import (
+    ROAD_REACH_M,
+    beyond_ends_m,
     lane_centre_m,
     match_lanes,
     match_points,
@@ -53,6 +55,17 @@ def test_points_of_a_lane_are_found_again(geometry: RouteGeometry, lane_point: P
     np.testing.assert_allclose(found.position_m, START_M[edge] + place, atol=0.05)
     np.testing.assert_allclose(found.lateral_m, 0.0, atol=0.002)
     assert set(found.row) == {geometry.row_of_lane[EDGE[edge], index]}
+
+
+def test_places_before_the_route_and_behind_it_are_known_as_such(geometry: RouteGeometry, lane_point: Point):
+    begin, inside = lane_point("a", 1, 0.0), lane_point("a", 1, 40.0)
+    along = (inside - begin) / np.hypot(*(inside - begin))
+    aside = np.asarray([-along[1], along[0]])
+    last = float(geometry.edge_end_m[2] - geometry.edge_start_m[2])
+    end, before_end = lane_point("c", 1, last - 0.01), lane_point("c", 1, last - 40.0)
+    on = (end - before_end) / np.hypot(*(end - before_end))
+    points = [begin - 55.0 * along, begin - 55.0 * along + 2.0 * ROAD_REACH_M * aside, inside, end + 12.0 * on]
+    np.testing.assert_allclose(beyond_ends_m(geometry, np.asarray(points)), [55.0, 0.0, 0.0, 12.0], atol=0.1)
 
 
 @given(
