@@ -71,7 +71,7 @@ def _message(time_s: float, plane: Plane) -> GroundTruth:
 
 def _version() -> InterfaceVersion:
     """The version of the interface that the messages were generated for."""
-    return VERSION_FILE.GetOptions().Extensions[current_interface_version]
+    return VERSION_FILE.GetOptions().Extensions[current_interface_version]  # pyright: ignore[reportArgumentType]
 
 
 def _add_vehicle(truth: GroundTruth, here: Slice, row: int, number: int, name: str, kind: VehicleKind) -> None:

@@ -22,10 +22,10 @@ def drives(number: int) -> DriveTallies:
 
 
 def test_a_field_is_drawn_from_the_null_and_taken_out_of_it(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(made_up_nulls, "prepare", lambda problem, field, runs, trials: (field, runs))
+    monkeypatch.setattr(made_up_nulls, "prepare", lambda problem, field, runs, trials, open_steps: (field, runs))
     null = NullRuns(drives(30), {("sensor_noise", 0.3): drives(6)})
     nothing = cast(Any, None)
-    baseline = Baseline(np.ones(2), nothing, nothing, null, nothing, {}, nothing, nothing)
+    baseline = Baseline(np.ones(2), nothing, nothing, null, nothing, {}, nothing, nothing, np.ones(2))
     session = cast(Any, SimpleNamespace(problem=None, is_fit=np.arange(12) % 3 < 2))
     drawn = [made_up_baseline(session, baseline, np.random.default_rng(seed)) for seed in (1, 2)]
     for made in drawn:

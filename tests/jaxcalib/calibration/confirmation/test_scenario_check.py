@@ -100,7 +100,7 @@ def broken(tmp_path: Path) -> Path:
 @pytest.fixture
 def without_search(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let nobody search, or simulate with anything but SUMO."""
-    from jaxcalib.calibration import pipeline, value_search
+    from jaxcalib.calibration import first_values, pipeline, value_search
     from jaxcalib.diagnosis.stages import calibrated
 
     def search(*arguments: object, **options: object) -> None:
@@ -108,7 +108,7 @@ def without_search(monkeypatch: pytest.MonkeyPatch) -> None:
 
     for module in (pipeline, calibrated):
         monkeypatch.setattr(module, "surrogate_engine", lambda problem: SimpleNamespace(prepare=lambda: None))
-    monkeypatch.setattr(value_search, "find_initial_point", lambda *arguments: arguments[-1]())
+    monkeypatch.setattr(first_values, "find_initial_point", lambda *arguments: arguments[-1]())
     monkeypatch.setattr(value_search, "search_two_stages", search)
 
 
