@@ -60,7 +60,7 @@ def read_drives(
     refusals += [CaseError(one.file, one.column, one.words) for one in found if one.is_refused]
     contradictory = {drive for one in found if one.is_refused for drive in one.drives}
     there: list[tuple[Drive, DriveLog]] = []
-    errors = measure_sensors([own.motion for drive, own in tables if drive.role == "fit"])
+    errors = measure_sensors([own.motion for drive, own in tables if drive.role == "fit"], found)
     for drive, own in tables:
         try:
             laid = own.corrected(errors) if corrects_sensors and errors != HONEST else own

@@ -19,6 +19,7 @@ from jaxtyping import Float, Int
 from scipy.linalg import solveh_banded
 
 from jaxcalib.field.log_tables import ObjectLog
+from jaxcalib.field.physics.contradiction import Contradiction
 from jaxcalib.field.physics.motion import BLOCKS_PER_DRIVE, DriveMotion, object_windows, subject_windows
 from jaxcalib.field.physics.object_scales import JudgedDrive, measure_scales
 from jaxcalib.field.physics.subject_identities import speed_scales
@@ -67,8 +68,14 @@ class SensorErrors:
 HONEST = SensorErrors()
 
 
-def measure_sensors(motions: Sequence[DriveMotion]) -> SensorErrors:
-    """Return what the sensors of some drives got wrong; what chance explains, or hardly matters, counts as nothing."""
+def measure_sensors(motions: Sequence[DriveMotion], found: Sequence[Contradiction] = ()) -> SensorErrors:
+    """Return what the sensors of some drives got wrong; what chance explains, or hardly matters, counts as nothing.
+
+    Args:
+        motions: the drives.
+        found: what they contradict themselves in. Where the subject vehicle's own speeds are late, its objects seem to
+            be, too.
+    """
     windows = [subject_windows(motion, BLOCKS_PER_DRIVE * number) for number, motion in enumerate(motions)]
     judged = [
         JudgedDrive(motion, object_windows(motion, BLOCKS_PER_DRIVE * number), scale)
@@ -77,6 +84,7 @@ def measure_sensors(motions: Sequence[DriveMotion]) -> SensorErrors:
     scales = measure_scales(judged)
     sampling_s = max((motion.sampling_s for motion in motions), default=0.0)
     is_late = scales is not None and scales.is_late(LEAST_STEPS_LATE * sampling_s)
+    is_late &= all(one.kind != "speed_delay" for one in found)
     distance_m, speed_mps = white_noise(motions)
     return SensorErrors(
         distance_factor=scales.distance_factor if scales is not None and scales.distances_are_off else 1.0,

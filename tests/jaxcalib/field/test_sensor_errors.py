@@ -10,7 +10,7 @@ from jaxcalib.field.log_tables import ObjectLog
 from jaxcalib.field.physics.motion import DriveMotion
 from jaxcalib.field.sensor_errors import HONEST, SensorErrors, measure_sensors, smoothed, without_errors
 from tests.jaxcalib.field.physics import motions
-from tests.jaxcalib.field.physics.motions import drive, thinned
+from tests.jaxcalib.field.physics.motions import drive, judged, thinned
 
 NUM_DRIVES = 4
 
@@ -69,6 +69,14 @@ def test_factors_and_delays_are_measured_and_taken_off(honest: list[DriveMotion]
     assert len(keys) > 0.9 * len(true)
     assert cured.relative_x_m == pytest.approx(np.asarray([true[key] for key in keys]), abs=1e-6)
     assert len(errors.warnings()) == (expected.distance_factor != 1.0) + (expected.late_s > 0.0)
+
+
+def test_late_speeds_of_the_subject_vehicle_are_no_delay_of_its_objects(honest: list[DriveMotion]):
+    early = [replace(m, speed_mps=np.interp(m.time_s + 0.5, m.time_s, m.speed_mps)) for m in honest]
+    assert measure_sensors(early).late_s == pytest.approx(0.5, abs=0.1)  # against these speeds
+    found = judged(early)
+    assert [one.kind for one in found] == ["speed_delay"]
+    assert measure_sensors(early, found).late_s == 0.0
 
 
 def test_noise_is_measured_and_most_of_it_is_taken_off(honest: list[DriveMotion], monkeypatch: pytest.MonkeyPatch):
