@@ -3,21 +3,14 @@
 from collections.abc import Sequence
 from typing import Any
 
+from jaxcalib.diagnosis.answer.report import TITLES
 from jaxcalib.dossier.evidence import Evidence
 from jaxcalib.dossier.section import Section
+from jaxcalib.html.page import percent
 from jaxcalib.measures.safety import safety_names
 
 SHOWN_CAUSES = 5
 WIDE = 0.5  # of what a parameter is: an interval wider than that says that the logs do not tell it
-VERDICTS = {
-    "no_gap": "Simulation and road differ by no more than chance; what these drives cannot show stands below.",
-    "miscalibrated": "The scenario was miscalibrated; calibrated, nothing is left that chance does not explain.",
-    "effect": "One effect is missing in the simulation",
-    "pair": "Two effects are missing in the simulation",
-    "class": "Something is missing in the simulation; the drives do not tell which of these",
-    "unknown": "Something is missing in the simulation that is none of the known effects",
-    "not_testable": "These drives do not allow an answer",
-}
 
 
 def calibration(evidence: Evidence) -> Section:
@@ -44,11 +37,11 @@ def calibration(evidence: Evidence) -> Section:
         rows = [
             (
                 name.replace("_", " "),
-                _percent(before.get(name)),
-                _percent(value),
+                percent(before.get(name)),
+                percent(value),
                 _interval(intervals.get(name)),
-                _percent(floor.get(name)),
-                _percent(high.get(name)),
+                percent(floor.get(name)),
+                percent(high.get(name)),
             )
             for name, value in after.items()
         ]
@@ -104,13 +97,13 @@ def validation(evidence: Evidence) -> Section:
     section.show("Criteria", ("criterion", "standard", "value", "limit", ""), rows, "validation.json: criteria")
     rows = []
     for name, one in found["equivalence"].items():
-        told = (name, _percent(one["difference"]), _interval(one["interval_90"]), _percent(one["margin"]))
+        told = (name, percent(one["difference"]), _interval(one["interval_90"]), percent(one["margin"]))
         rows.append((*told, one["verdict"], one["source"]))
         if one["verdict"] == "different":
-            section.say(f"{name} is known to differ by {_percent(one['difference'])}.", "validation.json: equivalence")
+            section.say(f"{name} is known to differ by {percent(one['difference'])}.", "validation.json: equivalence")
         elif one["verdict"] != "equivalent":
             more = f"; {one['more_drives']} more would tell" if one.get("more_drives") else ""
-            section.lack(f"Whether {name} is the same within {_percent(one['margin'])}: not enough drives{more}.")
+            section.lack(f"Whether {name} is the same within {percent(one['margin'])}: not enough drives{more}.")
     columns = ("quantity", "difference", "90 % interval", "margin", "verdict", "source of the margin")
     section.show("The same within a margin", columns, rows, "validation.json: equivalence")
     return section
@@ -124,7 +117,7 @@ def gap(evidence: Evidence) -> Section:
         section.lack("No diagnosis was run: `jaxcalib diagnose CASE --out RUN/diagnosis`.")
         return section
     names = ", ".join(name.replace("_", " ") for name in found["effects"])
-    section.say(VERDICTS[found["verdict"]] + (f": {names}." if names else ""), "diagnosis.json: verdict, effects")
+    section.say(TITLES[found["verdict"]] + (f": {names}." if names else "."), "diagnosis.json: verdict, effects")
     rows = [
         (
             one["effect"].replace("_", " "),
@@ -157,12 +150,8 @@ def gap(evidence: Evidence) -> Section:
     return section
 
 
-def _percent(value: float | None) -> str:
-    return "-" if value is None else f"{100.0 * value:.1f} %"
-
-
 def _interval(bounds: Sequence[float] | None) -> str:
-    return "-" if bounds is None else f"{_percent(bounds[0])} to {_percent(bounds[1])}"
+    return "-" if bounds is None else f"{percent(bounds[0])} to {percent(bounds[1])}"
 
 
 def _bounds(bounds: Any) -> str:

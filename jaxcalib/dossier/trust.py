@@ -2,6 +2,7 @@
 
 from jaxcalib.dossier.evidence import Evidence
 from jaxcalib.dossier.section import Section
+from jaxcalib.html.page import percent
 from jaxcalib.runs.provenance import commit, versions
 
 
@@ -12,7 +13,7 @@ def numerical_error(evidence: Evidence) -> Section:
     health = result["health"]["calibrated"]
     section.say(
         f"{health['runs']} runs of the result in SUMO: {health['failed']} failed, {health['collisions']} vehicle steps "
-        f"in collision, {health['teleports']} teleports, {_share(health['backlog_share'])} of the demand not inserted.",
+        f"in collision, {health['teleports']} teleports, {percent(health['backlog_share'])} not inserted.",
         "result.json: health",
     )
     runs = result["runs"]
@@ -64,7 +65,3 @@ def provenance(evidence: Evidence) -> Section:
     if head is None or head.endswith("-changed"):
         section.lack("The commit of the program: it has none, or its files differ from it.")
     return section
-
-
-def _share(value: float | None) -> str:
-    return "-" if value is None else f"{100.0 * value:.2g} %"
