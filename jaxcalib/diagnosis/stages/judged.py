@@ -32,6 +32,11 @@ class Grounds:
     aliased: tuple[str, ...]  # effects that these drives cannot tell apart
     pairs: Pairs | None  # two effects at once; None where they explain no more than one does
 
+    @property
+    def is_sure_of_two(self) -> bool:
+        """Whether two effects are there, of which one at least is sure."""
+        return self.pairs is not None and bool(self.pairs.sure)
+
     def verdict_on(self, explained: Sequence[Explained]) -> Verdict:
         """The verdict on explanations."""
         sure = None if self.pairs is None else self.pairs.sure

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from jaxcalib.diagnosis.inference.baseline import Baseline
 from jaxcalib.diagnosis.inference.marginal_likelihood import Explained
 from jaxcalib.diagnosis.inference.refit import MOST_SUMO_POINTS, OTHERS_SUMO_POINTS, Refit, most_misfit, refit
-from jaxcalib.diagnosis.inference.refitted_contest import contenders, with_refits
+from jaxcalib.diagnosis.inference.refitted_contest import contenders, with_refits, without_poor_fits
 from jaxcalib.diagnosis.inference.sumo_check import Checked
 from jaxcalib.diagnosis.inference.verdict import Verdict
 from jaxcalib.diagnosis.runs.explained_runs import ExplainedRunner
@@ -44,7 +44,10 @@ def refit_best(
         chosen = contenders(checked.explained, checked.signatures, judged.verdict)
         refits = _refits(baseline, checked, chosen, _runner(session, baseline, book))
         explained = with_refits(checked.explained, refits)
-        return Refitted(explained, judged.grounds.verdict_on(explained), refits)
+        verdict = judged.grounds.verdict_on(explained)
+        if not judged.grounds.is_sure_of_two:  # each of two leaves what the other does
+            verdict = without_poor_fits(verdict, refits, judged.grounds.by_chance)
+        return Refitted(explained, verdict, refits)
 
 
 def _runner(session: DiagnosisSession, baseline: Baseline, book: TrialBook) -> ExplainedRunner:

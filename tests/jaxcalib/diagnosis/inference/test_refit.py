@@ -13,7 +13,7 @@ from jaxcalib.diagnosis.inference.investigation import Prepared
 from jaxcalib.diagnosis.inference.ledger import parameter_shift
 from jaxcalib.diagnosis.inference.marginal_likelihood import Explained, explain
 from jaxcalib.diagnosis.inference.refit import refit
-from jaxcalib.diagnosis.inference.refitted_contest import contenders, with_refits
+from jaxcalib.diagnosis.inference.refitted_contest import MOST_LEFT, contenders, with_refits, without_poor_fits
 from jaxcalib.diagnosis.inference.verdict import Verdict
 from jaxcalib.diagnosis.runs.explained_runs import ExplainedRuns, moved_values
 from jaxcalib.statistics.normal import HALF_WIDTH_90
@@ -218,6 +218,24 @@ def test_refits_tell_apart_what_signatures_do_not():
     assert evidence["memory"] - evidence["platooned_arrivals"] == pytest.approx(0.5 * (behind - 3.0))
     assert far in judged
     assert none in judged
+
+
+def test_what_leaves_too_much_though_it_was_fitted_again_is_not_named():
+    found = refit(drives(TRUE_STRENGTH), explain(drives(TRUE_STRENGTH).difference, NULL, [signature()], 0.5),
+                  [signature()], Made())  # fmt: skip
+    assert found is not None
+    shares = {"memory": 0.6, "keep_right": 0.3, "grade": 0.05, "unknown": 0.05, "none": 0.0}
+    both = Verdict("class", ("memory", "keep_right"), shares, "")
+    poor, good = replace(found, misfit=1.1 * MOST_LEFT * 40.0), replace(found, misfit=0.9 * MOST_LEFT * 40.0)
+
+    assert without_poor_fits(both, {"memory": good}, 40.0) is both
+    other = without_poor_fits(both, {"memory": poor, "keep_right": good}, 40.0)
+    assert (other.kind, other.effects) == ("effect", ("keep_right",))
+    assert other.probability == {"memory": 0.0, "keep_right": 0.3, "grade": 0.05, "unknown": 0.65, "none": 0.0}
+    nothing = without_poor_fits(replace(both, kind="effect", effects=("memory",)), {"memory": poor}, 40.0)
+    assert (nothing.kind, nothing.effects) == ("unknown", ())
+    assert "memory, leaves 3.9 times" in nothing.reason
+    assert max(nothing.probability, key=nothing.probability.__getitem__) == "unknown"
 
 
 def test_a_signature_that_holds_at_its_own_strength_keeps_it():
