@@ -14,6 +14,7 @@ from experiments.paper.patterns import DEMANDS, HELD_OUT_FACTOR, prepare_pattern
 from jaxcalib.case.case import read_case
 from jaxcalib.errors import CaseError
 from jaxcalib.problem.engines import sumo_engine
+from jaxcalib.problem.parameter_space import parameter_space
 from jaxcalib.problem.problem import CalibrationProblem, read_problem
 from sim_adapters.interface import RunRequest
 from tests.places import CORRIDOR
@@ -29,6 +30,10 @@ def test_patterns_share_their_drivers_and_differ_in_demand(problem: CalibrationP
     base = problem.template.base_values()[:num_inputs]
     values = np.stack([true_values(problem, demand) for demand in DEMANDS])
     assert (values[:, num_inputs:] == values[0, num_inputs:]).all()
+    space = parameter_space(problem.layout, problem.model, base, 0.5, {})
+    away = np.abs(space.unit_of(values[0]) - space.unit_of(problem.template.base_values()))[num_inputs:]
+    assert away.min() > 0.19
+    assert away.max() < 0.36
     for row, demand in zip(values, DEMANDS, strict=True):
         expected = base * demand.total * np.asarray([1.0, demand.ramps])
         np.testing.assert_allclose(row[:num_inputs], expected, rtol=1e-5)
