@@ -16,6 +16,7 @@ from jaxcalib.case.case_file import (
 )
 from jaxcalib.case.log_form import LogForm
 from jaxcalib.case.log_units import log_form_of
+from jaxcalib.case.safety_limits import USUAL_LIMITS, SafetyLimits
 from jaxcalib.errors import CaseError, quote
 from surrogate.subject.registry import SUBJECT_MODELS, SubjectModel
 from surrogate.vehicle.model_entry import ParameterRangeError, UnknownModelError
@@ -112,6 +113,7 @@ class Case:
     behaviour: Behaviour | None  # what Stage 2 calibrates
     inputs: tuple[Input, ...]  # what Stage 1 calibrates, empty where the case says nothing
     log_form: LogForm = LogForm()  # how the drives' tables are written
+    safety: SafetyLimits[float] = USUAL_LIMITS  # limits of the safety measures
 
     def drives_of(self, role: Role) -> tuple[Drive, ...]:
         """Return the drives of one role."""
@@ -160,6 +162,7 @@ def read_case(folder: Path | str) -> Case:
         behaviour=table.behaviour and _behaviour(table.behaviour),
         inputs=tuple(Input(entrance.id, entrance.flows, entrance.windows_s) for entrance in table.input),
         log_form=log_form_of(table.log),
+        safety=table.safety.limits,
     )
 
 

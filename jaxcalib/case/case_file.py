@@ -12,6 +12,7 @@ import msgspec
 from msgspec import Meta
 
 from jaxcalib.case.log_section import LogSection, Number
+from jaxcalib.case.safety_limits import USUAL_LIMITS, SafetyLimits
 from jaxcalib.errors import CaseError, quote, shorten
 
 FILE_NAME = "case.toml"
@@ -24,6 +25,7 @@ PositiveLength = Annotated[float, Meta(gt=0.0, le=100_000.0, description="a numb
 Instant = Annotated[float, Meta(ge=0.0, le=1e7, description="a number >= 0 and at most 1e7")]
 Duration = Annotated[float, Meta(gt=0.0, le=1e7, description="a number > 0 and at most 1e7")]
 StepLength = Annotated[float, Meta(gt=0.0, le=10.0, description="a number > 0 and at most 10")]
+Limit = Annotated[float, Meta(gt=0.0, le=60.0, description="a number > 0 and at most 60")]
 Name = Annotated[
     str,
     Meta(
@@ -46,6 +48,24 @@ FilePath = Annotated[str, Meta(min_length=1, max_length=4096, description="the p
 Names = Annotated[tuple[Name, ...], Meta(min_length=1, description="a list of at least one name")]
 GROUPS = '"each", "trucks" or a list of lists of vTypes'
 Groups = Annotated[tuple[Names, ...], Meta(min_length=1, description=GROUPS)]
+
+
+class SafetySection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Section [safety]: `SafetyLimits`, each of its keys optional."""
+
+    ttc_s: Limit = USUAL_LIMITS.ttc_s
+    near_miss_ttc_s: Limit = USUAL_LIMITS.near_miss_ttc_s
+    drac_mps2: Limit = USUAL_LIMITS.drac_mps2
+    full_braking_mps2: Limit = USUAL_LIMITS.full_braking_mps2
+    threat_number: Limit = USUAL_LIMITS.threat_number
+    hard_braking_mps2: Limit = USUAL_LIMITS.hard_braking_mps2
+    encroachment_s: Limit = USUAL_LIMITS.encroachment_s
+    after_cut_in_s: Limit = USUAL_LIMITS.after_cut_in_s
+
+    @property
+    def limits(self) -> SafetyLimits[float]:
+        """The limits as measures take them."""
+        return SafetyLimits(**msgspec.structs.asdict(self))
 
 
 class ScenarioSection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -117,6 +137,7 @@ class CaseTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     subject: SubjectSection | None = None
     behaviour: BehaviourSection | None = None
     log: LogSection | None = None
+    safety: SafetySection = SafetySection()
     input: tuple[InputSection, ...] = ()
     drive: tuple[DriveSection, ...] = ()
 

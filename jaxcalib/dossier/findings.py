@@ -7,7 +7,7 @@ from jaxcalib.diagnosis.answer.report import TITLES
 from jaxcalib.dossier.evidence import Evidence
 from jaxcalib.dossier.section import Section
 from jaxcalib.html.page import percent
-from jaxcalib.measures.safety import safety_names
+from jaxcalib.measures.registry import safety_measures
 
 SHOWN_CAUSES = 5
 WIDE = 0.5  # of what a parameter is: an interval wider than that says that the logs do not tell it
@@ -63,7 +63,7 @@ def calibration(evidence: Evidence) -> Section:
 def _show_safety(section: Section, mops: Any, role: str) -> None:
     """Tails of traffic, which nothing was fitted to."""
     field, simulated = (mops[source].get(role, {}) for source in ("field", "sumo"))
-    rows = [(name, field.get(name), simulated.get(name)) for name in safety_names() if name in field]
+    rows = [(name, field.get(name), simulated.get(name)) for name in safety_measures() if name in field]
     columns = ("measure", "field", "simulated")
     section.show(f"Safety measures on the {role.replace('_', '-')} drives", columns, rows, "result.json: mops")
     if not rows:

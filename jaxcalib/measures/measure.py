@@ -129,6 +129,20 @@ class Deviation(Measure):
 
 
 @dataclass(frozen=True)
+class RootMeanSquare(Measure):
+    """Square root of the quotient of a sum of squares (numerator) and a count."""
+
+    is_quotient = False
+
+    def value(self, tally: Mapping[str, float]) -> MeasureValue:
+        """The value for pooled tallies."""
+        count = tally[self.denominator]
+        if not count > 0:
+            return MeasureValue(float("nan"), count, reason="never observed")
+        return MeasureValue(self.scale * float(np.sqrt(tally[self.numerator] / count)), count)
+
+
+@dataclass(frozen=True)
 class Percentile(Measure):
     """Percentile of a distribution kept in bins `numerator[0]`, ...; linear within a bin.
 

@@ -2,7 +2,17 @@
 
 import jax.numpy as jnp
 
-from jaxcalib.measures import car_following, cut_in, lane_change, overtaking, safety, traffic_flow
+from jaxcalib.case.safety_limits import USUAL_LIMITS, SafetyLimits
+from jaxcalib.measures import (
+    car_following,
+    cut_in,
+    encroachment,
+    jerk,
+    lane_change,
+    overtaking,
+    safety,
+    traffic_flow,
+)
 from jaxcalib.measures.fold import Fold
 from jaxcalib.measures.measure import Measure, Moe
 from jaxcalib.measures.measure_group import MeasureGroup
@@ -17,6 +27,8 @@ GROUPS: tuple[MeasureGroup, ...] = (
     cut_in.GROUP,
     overtaking.GROUP,
     safety.GROUP,
+    encroachment.GROUP,
+    jerk.GROUP,
 )
 
 
@@ -32,8 +44,19 @@ def all_folds(settings: MeasureSettings) -> tuple[Fold, ...]:
 
 def judged_measures() -> tuple[str, ...]:
     """Names of the measures that give the MoEs, in the order of these; the same on every road."""
+    by_moe = {measure.moe: name for name, measure in all_measures(_any_settings()).items()}
+    return tuple(by_moe[moe] for moe in Moe)
+
+
+def safety_measures() -> tuple[str, ...]:
+    """Names of the measures of how near traffic comes to a crash; the same on every road."""
+    settings = _any_settings()
+    groups = (safety.GROUP, encroachment.GROUP)
+    return tuple(measure.name for group in groups for measure in group.measures(settings))
+
+
+def _any_settings() -> MeasureSettings:
     none, zero = jnp.zeros(0), jnp.zeros(())
     road = ObservedRoad(section_border_m=jnp.zeros(1), knot_m=none, lane_m=none, lateral_order=none)
-    measures = all_measures(MeasureSettings(road, zero, zero, zero, num_tracks=1, num_target_gap_classes=1))
-    by_moe = {measure.moe: name for name, measure in measures.items()}
-    return tuple(by_moe[moe] for moe in Moe)
+    limits = SafetyLimits(*(jnp.asarray(limit) for limit in USUAL_LIMITS))
+    return MeasureSettings(road, zero, zero, zero, limits, num_tracks=1, num_target_gap_classes=1)

@@ -5,29 +5,24 @@ of vehicles counts while the leader is in range; one whose gap does not close ha
 the time alone. A calibration matches none of it: the tails of traffic are what a simulation is judged by.
 
 Sources: time to collision, its time-exposed and time-integrated forms, Minderhoud & Bovy (2001), Accid. Anal. Prev. 33,
-eqs. 1, 3 and 5; deceleration rate to avoid a crash, Cooper & Ferguson (1976), and its limit of 3.35 m/s^2, Archer
-(2005), sec. 3.3.3; brake threat number, Brannstrom, Sjoberg & Coelingh (2008), IEEE ITSC, for a leader who keeps its
-acceleration until it stands.
+eqs. 1, 3 and 5; deceleration rate to avoid a crash, Cooper & Ferguson (1976); brake threat number, Brannstrom, Sjoberg
+& Coelingh (2008), IEEE ITSC, for a leader who keeps its acceleration until it stands. Those of the limits stand beside
+them (`SafetyLimits`).
 Deviation: gaps take the nominal length of every leader, and states are those of frames, half a second apart.
 """
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from jaxcalib.case.safety_limits import SafetyLimits
 from jaxcalib.measures.fold import Fold, by_index, indexed, sums_by_class, within
 from jaxcalib.measures.measure import LeftOut, Level, Measure, Percentile
 from jaxcalib.measures.measure_group import MeasureGroup
-from jaxcalib.measures.scene import Scene
+from jaxcalib.measures.scene import MeasureSettings, Scene
 from sim_adapters.units import METRES_PER_KILOMETRE
 
 VEHICLE = Level.VEHICLE
 
-TTC_LIMIT_S = 3.0  # Minderhoud & Bovy: drivers of vehicles without assistance
-NEAR_MISS_TTC_S = 1.5  # serious conflict; Hayward (1972), and the FHWA's surrogate safety assessment model (2008)
-DRAC_LIMIT_MPS2 = 3.35
-FULL_BRAKING_MPS2 = 8.0  # that a brake threat number of 1 asks for: dry road
-THREAT_LIMIT = 0.5  # of full braking
-HARD_BRAKING_MPS2 = 3.0  # most drivers never brake harder; AASHTO's comfortable deceleration is 3.4
 LEAST_CLOSING_MPS = 0.1  # less is the rounding of speeds
 LEAST_GAP_M = 0.1  # nominal lengths may overlap where real ones do not
 TTC_BORDER_S = (0.0, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 20.0, 40.0)
@@ -47,29 +42,28 @@ class Conflicts(Fold):
 
     def count(self, scene: Scene) -> dict[str, Array]:
         """A scene's part of the tallies."""
-        frame = scene.frame
-        speed = frame.object_speed_mps
+        limits, speed = scene.settings.limits, scene.frame.object_speed_mps
         leader_speed = _of_leader(speed)
         gap = jnp.maximum(scene.gap_m, LEAST_GAP_M)
         closing = jnp.where(scene.has_leader, speed - leader_speed, 0.0)
         closes = closing > LEAST_CLOSING_MPS
         ttc = jnp.where(closes, gap / jnp.where(closes, closing, 1.0), jnp.inf)
         drac = jnp.where(closes, closing * closing / (2.0 * gap), 0.0)
-        change = jnp.where(scene.is_tracked, speed - scene.previous_speed_mps, 0.0)
-        acceleration = change / jnp.maximum(scene.interval_s, 1e-3)
-        threat = jnp.where(scene.has_leader, brake_threat(gap, speed, leader_speed, _of_leader(acceleration)), 0.0)
+        acceleration = scene.acceleration_mps2
+        needed = braking_needed(gap, speed, leader_speed, _of_leader(acceleration))
+        threat = jnp.where(scene.has_leader, needed / limits.full_braking_mps2, 0.0)
         counted: dict[str, Array] = {}
         for actor, is_actor in (("subject", scene.is_subject & scene.is_vehicle), ("background", scene.is_background)):
             seen = is_actor & scene.has_leader & scene.is_tracked
             time_s = jnp.where(seen, scene.interval_s, 0.0)
-            braking = is_actor & scene.is_tracked & (acceleration < -HARD_BRAKING_MPS2)
+            braking = is_actor & scene.is_tracked & (acceleration < -limits.hard_braking_mps2)
             parts = {
                 "behind_leader_s": time_s,
-                "ttc_exposed_s": jnp.where(ttc < TTC_LIMIT_S, time_s, 0.0),
-                "ttc_integral_s2": time_s * jnp.maximum(TTC_LIMIT_S - ttc, 0.0),
-                "near_miss_s": jnp.where((ttc < NEAR_MISS_TTC_S) & (drac > DRAC_LIMIT_MPS2), time_s, 0.0),
-                "drac_exposed_s": jnp.where(drac > DRAC_LIMIT_MPS2, time_s, 0.0),
-                "threat_exposed_s": jnp.where(threat > THREAT_LIMIT, time_s, 0.0),
+                "ttc_exposed_s": jnp.where(ttc < limits.ttc_s, time_s, 0.0),
+                "ttc_integral_s2": time_s * jnp.maximum(limits.ttc_s - ttc, 0.0),
+                "near_miss_s": jnp.where((ttc < limits.near_miss_ttc_s) & (drac > limits.drac_mps2), time_s, 0.0),
+                "drac_exposed_s": jnp.where(drac > limits.drac_mps2, time_s, 0.0),
+                "threat_exposed_s": jnp.where(threat > limits.threat_number, time_s, 0.0),
                 "approaching_frames": (seen & closes).astype(jnp.float32),
                 "hard_braking_s": jnp.where(braking, scene.interval_s, 0.0),
                 "distance_seen_m": jnp.where(is_actor & scene.is_tracked, scene.interval_s * speed, 0.0),
@@ -93,13 +87,13 @@ _PARTS = (
 )
 
 
-def brake_threat(
+def braking_needed(
     gap_m: Float[Array, " object"],
     speed_mps: Float[Array, " object"],
     leader_speed_mps: Float[Array, " object"],
     leader_acceleration_mps2: Float[Array, " object"],
 ) -> Float[Array, " object"]:
-    """Deceleration that just avoids a crash, over full braking; 0 where none is needed.
+    """Deceleration that just avoids a crash, in m/s^2; 0 where none is needed.
 
     A leader who brakes goes on to do so until it stands, so that the follower has to stand within the gap and the
     leader's way; who closes in has to match the leader's speed before, if that is still moving then.
@@ -113,7 +107,7 @@ def brake_threat(
     stands_first = (braking > 0.0) & (speed_mps * braking > leader_speed_mps * while_moving)
     to_match = jnp.where((closing > 0.0) & ~stands_first, while_moving, 0.0)
     needed = jnp.maximum(to_match, jnp.where(braking > 0.0, to_stand, 0.0))
-    return jnp.where(speed_mps > LEAST_CLOSING_MPS, needed / FULL_BRAKING_MPS2, 0.0)
+    return jnp.where(speed_mps > LEAST_CLOSING_MPS, needed, 0.0)
 
 
 def _of_leader(values: Float[Array, " object"]) -> Float[Array, " object"]:
@@ -123,8 +117,7 @@ def _of_leader(values: Float[Array, " object"]) -> Float[Array, " object"]:
 
 def _at_cut_in(scene: Scene, gap_m: Float[Array, " object"], drac: Float[Array, " object"]) -> dict[str, Array]:
     """What the subject vehicle has left when a vehicle has cut in, while it stays in its lane itself."""
-    stays = scene.is_subject & scene.is_tracked & ~scene.changes_lane & scene.has_leader
-    meets = stays & (_of_leader(scene.changes_lane.astype(jnp.float32)) > 0)
+    meets = scene.is_subject & scene.meets_cut_in
     speed = jnp.maximum(scene.frame.object_speed_mps, scene.settings.least_speed_mps)
     return {
         "cut_in_time_gap_s": jnp.sum(jnp.where(meets, gap_m / speed, 0.0)),
@@ -132,16 +125,12 @@ def _at_cut_in(scene: Scene, gap_m: Float[Array, " object"], drac: Float[Array, 
     }
 
 
-def safety_names() -> tuple[str, ...]:
-    """Names of the measures; the same on every road."""
-    return tuple(measure.name for measure in _all())
+def _all(settings: MeasureSettings) -> list[Measure]:
+    limits: SafetyLimits[float] = SafetyLimits(*(float(limit) for limit in settings.limits))
+    return [*_of_actor("subject", limits), *_of_actor("background", limits), *_OF_CUT_INS]
 
 
-def _all() -> list[Measure]:
-    return [*_of_actor("subject"), *_of_actor("background"), *_OF_CUT_INS]
-
-
-def _of_actor(actor: str) -> list[Measure]:
+def _of_actor(actor: str, limits: SafetyLimits[float]) -> list[Measure]:
     behind = f"{actor}_behind_leader_s"
 
     def exposure(name: str, description: str, tally: str, denominator: str = behind, scale: float = 1.0) -> Measure:
@@ -153,17 +142,19 @@ def _of_actor(actor: str) -> list[Measure]:
 
     distance, per_km = f"{actor}_distance_seen_m", METRES_PER_KILOMETRE
     return [
-        exposure("ttc_exposed_share", f"share of time with a time to collision below {TTC_LIMIT_S:g} s (TET)",
+        exposure("ttc_exposed_share", f"share of time with a time to collision below {limits.ttc_s:g} s (TET)",
                  "ttc_exposed_s"),
-        exposure("ttc_integral_s", f"mean shortfall of the time to collision below {TTC_LIMIT_S:g} s (TIT / time)",
+        exposure("ttc_integral_s", f"mean shortfall of the time to collision below {limits.ttc_s:g} s (TIT / time)",
                  "ttc_integral_s2"),
-        exposure("drac_exposed_share", f"share of time that needs more than {DRAC_LIMIT_MPS2:g} m/s^2 to avoid a crash",
+        exposure("drac_exposed_share", f"share of time that needs more than {limits.drac_mps2:g} m/s^2 to avoid a "
+                 "crash",
                  "drac_exposed_s"),
-        exposure("threat_exposed_share", f"share of time with a brake threat number above {THREAT_LIMIT:g}",
+        exposure("threat_exposed_share", f"share of time with a brake threat number above {limits.threat_number:g}",
                  "threat_exposed_s"),
-        exposure("near_miss_s_p1000km", f"time with less than {NEAR_MISS_TTC_S:g} s and more than {DRAC_LIMIT_MPS2:g} "
-                 "m/s^2 to a crash, per 1000 km", "near_miss_s", distance, per_km * KM_PER_1000_KM),
-        exposure("hard_braking_s_pkm", f"time with more than {HARD_BRAKING_MPS2:g} m/s^2 of braking, per km",
+        exposure("near_miss_s_p1000km", f"time with less than {limits.near_miss_ttc_s:g} s to a crash that more "
+                 f"than {limits.drac_mps2:g} m/s^2 avoids, per 1000 km", "near_miss_s", distance,
+                 per_km * KM_PER_1000_KM),
+        exposure("hard_braking_s_pkm", f"time with more than {limits.hard_braking_mps2:g} m/s^2 of braking, per km",
                  "hard_braking_s", distance, per_km),
         *(
             Percentile(
@@ -186,4 +177,4 @@ _OF_CUT_INS = (
     ),
 )  # fmt: skip
 
-GROUP = MeasureGroup(lambda settings: _all(), lambda settings: [Conflicts()])
+GROUP = MeasureGroup(_all, lambda settings: [Conflicts()])

@@ -8,6 +8,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from jaxcalib.case.safety_limits import SafetyLimits
 from jaxcalib.measures.observed_road import ObservedRoad
 from surrogate.road.perception import PerceptionFrame
 
@@ -21,13 +22,14 @@ class MeasureSettings(eqx.Module):
     nominal_length_m: Float[Array, ""]  # length taken for every vehicle, since logs hold none
     least_speed_mps: Float[Array, ""]  # below it a time headway means nothing
     longest_headway_s: Float[Array, ""]  # a vehicle further behind its leader does not follow it
+    limits: SafetyLimits[Float[Array, ""]]  # of the safety measures
     num_tracks: int = eqx.field(static=True)  # places for vehicles that are remembered during a drive
     # classes of the lane-changing distance within which none goes unseen
     num_target_gap_classes: int = eqx.field(static=True)
 
 
 class Memory(eqx.Module):
-    """What is remembered of each track from the last frame in which it was seen."""
+    """What is remembered of each track from the last frame in which it was seen, and of the subject vehicle."""
 
     time_s: Float[Array, " track"]
     row: Float[Array, " track"]
@@ -36,6 +38,9 @@ class Memory(eqx.Module):
     is_following: Float[Array, " track"]
     off_centre_since_s: Float[Array, " track"]
     crossed: Float[Array, " track"]
+    cut_in_s: Float[Array, ""]  # when a vehicle has last cut in before the subject vehicle; -inf if none has
+    subject_acceleration_mps2: Float[Array, ""]  # in the last frame
+    knows_acceleration: Float[Array, ""]  # 1 if it is known
 
 
 class Scene(eqx.Module):
@@ -67,6 +72,11 @@ class Scene(eqx.Module):
     # space between the rear of the leader and the front of the follower; inf if one is not in range
     target_gap_m: Float[Array, " object"]
     seen_target_gap_m: Float[Array, " object"]  # as much of that space as is within range
+    acceleration_mps2: Float[Array, " object"]  # change of speed since the frame before; 0 if it was not seen then
+    meets_cut_in: Bool[Array, ""]  # whether a vehicle has become the subject vehicle's leader, which stays in its lane
+    since_cut_in_s: Float[Array, ""]  # time since that happened last, before this frame; inf if it did not
+    knows_jerk: Bool[Array, ""]  # whether the subject vehicle was seen in the two frames before
+    subject_jerk_mps3: Float[Array, ""]  # change of its acceleration; 0 if it is not known
 
     @property
     def is_subject(self) -> Bool[Array, " object"]:
@@ -86,7 +96,8 @@ class Scene(eqx.Module):
 def nothing_remembered(num_tracks: int) -> Memory:
     """Return the memory before the first frame."""
     zero = jnp.zeros((num_tracks,), jnp.float32)
-    return Memory(jnp.full_like(zero, -jnp.inf), zero, zero, zero, zero, jnp.full_like(zero, jnp.inf), zero)
+    never, none = jnp.full_like(zero, -jnp.inf), jnp.zeros((), jnp.float32)
+    return Memory(never, zero, zero, zero, zero, -never, zero, none - jnp.inf, none, none)
 
 
 OFF_CENTRE_M = 0.4  # further from the centre of the lane, a vehicle is changing lane (half the play in a 3.2-m lane)
@@ -136,6 +147,13 @@ def look(frame: PerceptionFrame, memory: Memory, previous_s: Float[Array, ""], s
     had_crossed = is_tracked & (recall(memory.crossed) > 0)
     is_over = is_centred & (had_crossed | changes)
     crossing = jnp.where(jnp.isfinite(since), frame.time_s - since, 0.0)
+    previous_speed = recall(memory.speed_mps)
+    interval = jnp.where(previous_s > -jnp.inf, frame.time_s - previous_s, 0.0)
+    acceleration = jnp.where(is_tracked, speed - previous_speed, 0.0) / jnp.maximum(interval, 1e-3)
+    is_seen_subject = frame.object_is_subject & is_tracked
+    more = jnp.sum(jnp.where(is_seen_subject, acceleration - memory.subject_acceleration_mps2, 0.0))
+    knows_jerk = jnp.any(is_seen_subject) & (memory.knows_acceleration > 0)
+    leader_is_new = jnp.concatenate([nobody, changes[:-1]]) & has_leader
     return Scene(
         frame=frame,
         settings=settings,
@@ -143,11 +161,11 @@ def look(frame: PerceptionFrame, memory: Memory, previous_s: Float[Array, ""], s
         is_background=valid & ~frame.object_is_subject,
         slot=slot,
         position_m=frame.subject_position_m + offset,
-        interval_s=jnp.where(previous_s > -jnp.inf, frame.time_s - previous_s, 0.0),
+        interval_s=interval,
         is_tracked=is_tracked,
         previous_row=previous_row,
         previous_offset_m=recall(memory.offset_m),
-        previous_speed_mps=recall(memory.speed_mps),
+        previous_speed_mps=previous_speed,
         was_following=is_tracked & (recall(memory.is_following) > 0),
         off_centre_since_s=jnp.where(is_off_centre, jnp.minimum(since, frame.time_s), jnp.inf),
         crossed=(had_crossed | changes) & is_off_centre,
@@ -162,6 +180,11 @@ def look(frame: PerceptionFrame, memory: Memory, previous_s: Float[Array, ""], s
         moves_left=jnp.where(changes, jnp.sign(here - before), 0.0),
         target_gap_m=jnp.where(has_leader & has_follower, seen_target_gap, jnp.inf),
         seen_target_gap_m=seen_target_gap,
+        acceleration_mps2=acceleration,
+        meets_cut_in=jnp.any(is_seen_subject & ~changes & leader_is_new),
+        since_cut_in_s=frame.time_s - memory.cut_in_s,
+        knows_jerk=knows_jerk,
+        subject_jerk_mps3=jnp.where(knows_jerk, more / jnp.maximum(interval, 1e-3), 0.0),
     )
 
 
@@ -180,4 +203,7 @@ def remember(memory: Memory, scene: Scene) -> Memory:
         is_following=note(memory.is_following, scene.is_following),
         off_centre_since_s=note(memory.off_centre_since_s, scene.off_centre_since_s),
         crossed=note(memory.crossed, scene.crossed),
+        cut_in_s=jnp.where(scene.meets_cut_in, frame.time_s, memory.cut_in_s),
+        subject_acceleration_mps2=scene.at_subject(scene.acceleration_mps2),
+        knows_acceleration=scene.at_subject(scene.is_tracked.astype(jnp.float32)),
     )

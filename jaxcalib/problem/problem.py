@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxcalib.case.case import Case, Role, ScenarioParts, read_case, require_scenario
+from jaxcalib.case.safety_limits import SafetyLimits
 from jaxcalib.errors import CaseError
 from jaxcalib.field.drive_logs import read_drives
 from jaxcalib.field.field_log import DriveLog
@@ -226,6 +227,7 @@ def _measure_settings(case: Case, road: ObservedRoad, drives: tuple[DriveLog, ..
         nominal_length_m=jnp.asarray(sensor.nominal_length_m, jnp.float32),
         least_speed_mps=jnp.asarray(LEAST_SPEED_MPS, jnp.float32),
         longest_headway_s=jnp.asarray(LONGEST_HEADWAY_S, jnp.float32),
+        limits=SafetyLimits(*(jnp.asarray(limit, jnp.float32) for limit in case.safety)),
         num_tracks=FRAMES_STEP * int(np.ceil((SPARE_TRACKS * most_tracks + 2) / FRAMES_STEP)),
         num_target_gap_classes=num_target_gap_classes(sensor.ahead_m, sensor.behind_m, sensor.nominal_length_m),
     )

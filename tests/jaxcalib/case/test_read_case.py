@@ -8,6 +8,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from jaxcalib.case.case import Perception, read_case, require_scenario
+from jaxcalib.case.safety_limits import USUAL_LIMITS
 from jaxcalib.errors import LONGEST_MESSAGE, CaseError
 
 
@@ -57,6 +58,13 @@ def test_parameters_may_be_left_out(case_folder: Path):
     behaviour = read_case(case_folder).behaviour
     assert behaviour is not None
     assert behaviour.parameters is None
+
+
+def test_limits_of_safety_measures_may_be_stated_one_by_one(case_folder: Path):
+    assert read_case(case_folder).safety == USUAL_LIMITS
+    file = case_folder / "case.toml"
+    file.write_text(file.read_text().replace("[behaviour]", "[safety]\nttc_s = 2.5\n\n[behaviour]"))
+    assert read_case(case_folder).safety == USUAL_LIMITS._replace(ttc_s=2.5)
 
 
 def test_the_scenario_may_be_left_out_until_something_needs_it(case_folder: Path):

@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping
 import jax.numpy as jnp
 import pytest
 
+from jaxcalib.case.safety_limits import USUAL_LIMITS, SafetyLimits
 from jaxcalib.measures.drive_tally import DriveTally
 from jaxcalib.measures.lane_change import num_target_gap_classes
 from jaxcalib.measures.measure import Measure, MeasureValue
@@ -36,6 +37,7 @@ def tally(road: ObservedRoad) -> DriveTally:
         nominal_length_m=jnp.asarray(4.5),
         least_speed_mps=jnp.asarray(2.0),
         longest_headway_s=jnp.asarray(6.0),
+        limits=SafetyLimits(*(jnp.asarray(limit) for limit in USUAL_LIMITS)),
         num_tracks=NUM_TRACKS,
         num_target_gap_classes=num_target_gap_classes(100.0, 60.0, 4.5),
     )

@@ -1,14 +1,20 @@
 """Surrogate safety measures: worked out by hand, and against a simulation of braking vehicles."""
 
+import dataclasses
 from collections.abc import Callable, Mapping
 
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from jaxcalib.case.safety_limits import USUAL_LIMITS, SafetyLimits
+from jaxcalib.measures.drive_tally import DriveTally
 from jaxcalib.measures.measure import Measure, MeasureValue
-from jaxcalib.measures.safety import FULL_BRAKING_MPS2, TTC_LIMIT_S, brake_threat, safety_names
+from jaxcalib.measures.registry import all_measures, safety_measures
+from jaxcalib.measures.safety import braking_needed
+from jaxcalib.measures.whole_drive import WholeDriveFold
 from surrogate.road.perception import PerceptionFrame
+from tests.jaxcalib.measures.conftest import NUM_FRAMES
 from tests.jaxcalib.measures.hand_made import EGO, Car, drive, instant
 
 Count = Callable[[PerceptionFrame], dict[str, float]]
@@ -32,7 +38,7 @@ def approach(gap_m: float, speed_mps: float, leader_mps: float, before_mps: floa
 
 @pytest.mark.parametrize(
     ("gap_m", "exposed", "shortfall_s"),
-    [(20.0, 0.0, 0.0), (11.0, 1.0, TTC_LIMIT_S - 11.0 / 4.0), (5.0, 1.0, TTC_LIMIT_S - 5.0 / 4.0)],
+    [(20.0, 0.0, 0.0), (11.0, 1.0, USUAL_LIMITS.ttc_s - 11.0 / 4.0), (5.0, 1.0, USUAL_LIMITS.ttc_s - 5.0 / 4.0)],
 )
 def test_time_to_collision(measure: MeasureOf, gap_m: float, exposed: float, shortfall_s: float):
     """4 m/s faster than the leader; the first frame, before which nothing was seen, does not count."""
@@ -99,13 +105,26 @@ def test_the_brake_threat_number_is_what_just_avoids_a_crash(seed: int):
     random = np.random.default_rng(seed)
     gap_m, speed, leader = random.uniform(2.0, 60.0), random.uniform(1.0, 35.0), random.uniform(0.5, 35.0)
     braking = random.choice([0.0, random.uniform(0.5, 7.0)])
-    number = brake_threat(*(jnp.asarray([value]) for value in (gap_m, speed, leader, -braking)))
-    needed = float(number[0]) * FULL_BRAKING_MPS2
+    number = braking_needed(*(jnp.asarray([value]) for value in (gap_m, speed, leader, -braking)))
+    needed = float(number[0])
     assert not collides(gap_m, speed, leader, braking, 1.02 * needed)
     if needed > 0.05:
         assert collides(gap_m, speed, leader, braking, 0.97 * needed)
 
 
 def test_none_of_it_is_fitted(measures: Mapping[str, Measure]):
-    assert set(safety_names()) < set(measures)
-    assert not any(measures[name].is_matched for name in safety_names())
+    assert set(safety_measures()) < set(measures)
+    assert not any(measures[name].is_matched for name in safety_measures())
+
+
+def test_a_case_may_state_its_own_limits(tally: DriveTally):
+    limits = USUAL_LIMITS._replace(hard_braking_mps2=2.0)
+    settings = dataclasses.replace(tally.settings, limits=SafetyLimits(*(jnp.asarray(limit) for limit in limits)))
+    harder = approach(60.0, 18.0, 18.0, before_mps=19.2)  # 2.4 m/s^2
+    measures = all_measures(settings)
+    assert measures["subject_hard_braking_s_pkm"].description.startswith("time with more than 2 m/s^2")
+    counted = [
+        dict(zip(each.names, WholeDriveFold(each, NUM_FRAMES)(harder).tolist(), strict=True))["subject_hard_braking_s"]
+        for each in (tally, DriveTally(settings, tally.folds))
+    ]
+    assert counted == [0.0, 0.5]

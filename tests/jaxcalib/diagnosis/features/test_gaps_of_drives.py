@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from jaxcalib.case.safety_limits import USUAL_LIMITS, SafetyLimits
 from jaxcalib.measures.observed_road import ObservedRoad
 from jaxcalib.measures.scene import MeasureSettings, look, nothing_remembered
 from surrogate.road.drive_table import NOBODY, drive_table
@@ -19,6 +20,7 @@ SETTINGS = MeasureSettings(
     nominal_length_m=jnp.asarray(LENGTH_M),
     least_speed_mps=jnp.asarray(1.0),
     longest_headway_s=jnp.asarray(5.0),
+    limits=SafetyLimits(*(jnp.asarray(limit) for limit in USUAL_LIMITS)),
     num_tracks=NUM_PLACES + 2,
     num_target_gap_classes=4,
 )
