@@ -1,7 +1,7 @@
 """Cut-ins as the subject vehicle meets them (Table 2, Eq. 32)."""
 
 import jax.numpy as jnp
-from jaxtyping import Array
+from jaxtyping import Array, Bool
 
 from jaxcalib.measures.fold import Fold
 from jaxcalib.measures.measure import Deviation, LeftOut, Level, Measure, Moe
@@ -26,17 +26,9 @@ class CutIn(Fold):
         """A scene's part of the tallies."""
         frame = scene.frame
         subject_stays = scene.at_subject((scene.is_tracked & ~scene.changes_lane).astype(jnp.float32)) > 0
-        subject_row = scene.at_subject(frame.object_row.astype(jnp.float32))
         nobody = jnp.zeros((1,), bool)
         is_subject_leader = jnp.concatenate([(scene.is_subject & scene.has_leader)[1:], nobody])
         cuts_in = is_subject_leader & scene.changes_lane & subject_stays
-        leaves = (
-            scene.is_background
-            & scene.changes_lane
-            & (scene.previous_row == subject_row)
-            & (frame.object_offset_m > 0)
-            & subject_stays
-        )
         gap = jnp.where(cuts_in, frame.object_offset_m - scene.settings.nominal_length_m, 0.0)
         slower = jnp.where(cuts_in, frame.subject_speed_mps - frame.object_speed_mps, 0.0)
         return {
@@ -44,8 +36,16 @@ class CutIn(Fold):
             "cut_in_gap_m": jnp.sum(gap),
             "cut_in_gap_squared": jnp.sum(gap * gap),
             "cut_in_speed_difference": jnp.sum(slower),
-            "cut_outs": jnp.sum(leaves.astype(jnp.float32)),
+            "cut_outs": jnp.sum(leaves_ahead(scene).astype(jnp.float32)),
         }
+
+
+def leaves_ahead(scene: Scene) -> Bool[Array, " object"]:
+    """Whether a vehicle ahead has left the lane in which the subject vehicle stays."""
+    subject_row = scene.at_subject(scene.frame.object_row.astype(jnp.float32))
+    subject_stays = scene.at_subject((scene.is_tracked & ~scene.changes_lane).astype(jnp.float32)) > 0
+    from_subject_row = scene.is_background & scene.changes_lane & (scene.previous_row == subject_row)
+    return from_subject_row & (scene.frame.object_offset_m > 0) & subject_stays
 
 
 _MEASURES = (

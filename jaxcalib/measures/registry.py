@@ -6,6 +6,7 @@ from jaxcalib.case.safety_limits import USUAL_LIMITS, SafetyLimits
 from jaxcalib.measures import (
     car_following,
     cut_in,
+    encounters,
     encroachment,
     jerk,
     lane_change,
@@ -29,6 +30,7 @@ GROUPS: tuple[MeasureGroup, ...] = (
     safety.GROUP,
     encroachment.GROUP,
     jerk.GROUP,
+    encounters.GROUP,
 )
 
 

@@ -41,6 +41,7 @@ class Memory(eqx.Module):
     cut_in_s: Float[Array, ""]  # when a vehicle has last cut in before the subject vehicle; -inf if none has
     subject_acceleration_mps2: Float[Array, ""]  # in the last frame
     knows_acceleration: Float[Array, ""]  # 1 if it is known
+    leader_braked_mps2: Float[Array, ""]  # hardest deceleration of its leader since that brakes; 0 if it does not
 
 
 class Scene(eqx.Module):
@@ -75,6 +76,8 @@ class Scene(eqx.Module):
     acceleration_mps2: Float[Array, " object"]  # change of speed since the frame before; 0 if it was not seen then
     meets_cut_in: Bool[Array, ""]  # whether a vehicle has become the subject vehicle's leader, which stays in its lane
     since_cut_in_s: Float[Array, ""]  # time since that happened last, before this frame; inf if it did not
+    leader_braking_mps2: Float[Array, ""]  # hardest deceleration of its leader since that brakes; 0 if it does not
+    leader_braked_mps2: Float[Array, ""]  # the same up to the frame before
     knows_jerk: Bool[Array, ""]  # whether the subject vehicle was seen in the two frames before
     subject_jerk_mps3: Float[Array, ""]  # change of its acceleration; 0 if it is not known
 
@@ -97,9 +100,10 @@ def nothing_remembered(num_tracks: int) -> Memory:
     """Return the memory before the first frame."""
     zero = jnp.zeros((num_tracks,), jnp.float32)
     never, none = jnp.full_like(zero, -jnp.inf), jnp.zeros((), jnp.float32)
-    return Memory(never, zero, zero, zero, zero, -never, zero, none - jnp.inf, none, none)
+    return Memory(never, zero, zero, zero, zero, -never, zero, none - jnp.inf, none, none, none)
 
 
+LEADER_BRAKES_MPS2 = 1.0  # more than traffic that swings does by itself
 OFF_CENTRE_M = 0.4  # further from the centre of the lane, a vehicle is changing lane (half the play in a 3.2-m lane)
 
 
@@ -153,6 +157,9 @@ def look(frame: PerceptionFrame, memory: Memory, previous_s: Float[Array, ""], s
     is_seen_subject = frame.object_is_subject & is_tracked
     more = jnp.sum(jnp.where(is_seen_subject, acceleration - memory.subject_acceleration_mps2, 0.0))
     knows_jerk = jnp.any(is_seen_subject) & (memory.knows_acceleration > 0)
+    stays = is_seen_subject & ~changes
+    leader_brakes = jnp.concatenate([edge, -acceleration[:-1]])
+    brakes = jnp.sum(jnp.where(stays & has_leader, leader_brakes, 0.0))
     leader_is_new = jnp.concatenate([nobody, changes[:-1]]) & has_leader
     return Scene(
         frame=frame,
@@ -181,8 +188,12 @@ def look(frame: PerceptionFrame, memory: Memory, previous_s: Float[Array, ""], s
         target_gap_m=jnp.where(has_leader & has_follower, seen_target_gap, jnp.inf),
         seen_target_gap_m=seen_target_gap,
         acceleration_mps2=acceleration,
-        meets_cut_in=jnp.any(is_seen_subject & ~changes & leader_is_new),
+        meets_cut_in=jnp.any(stays & leader_is_new),
         since_cut_in_s=frame.time_s - memory.cut_in_s,
+        leader_braking_mps2=jnp.where(
+            brakes >= LEADER_BRAKES_MPS2, jnp.maximum(brakes, memory.leader_braked_mps2), 0.0
+        ),
+        leader_braked_mps2=memory.leader_braked_mps2,
         knows_jerk=knows_jerk,
         subject_jerk_mps3=jnp.where(knows_jerk, more / jnp.maximum(interval, 1e-3), 0.0),
     )
@@ -206,4 +217,5 @@ def remember(memory: Memory, scene: Scene) -> Memory:
         cut_in_s=jnp.where(scene.meets_cut_in, frame.time_s, memory.cut_in_s),
         subject_acceleration_mps2=scene.at_subject(scene.acceleration_mps2),
         knows_acceleration=scene.at_subject(scene.is_tracked.astype(jnp.float32)),
+        leader_braked_mps2=scene.leader_braking_mps2,
     )

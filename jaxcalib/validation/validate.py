@@ -34,6 +34,7 @@ from jaxcalib.validation.comparison import (
     travel_time_table,
 )
 from jaxcalib.validation.counts import FieldCounts, count_criteria, count_volumes, read_counts
+from jaxcalib.validation.encounters import compare_encounters
 from jaxcalib.validation.equivalence import compare_within_margins
 from jaxcalib.validation.errors_by_chance import error_table
 from jaxcalib.validation.judgement import (
@@ -174,6 +175,7 @@ def _validate(
         travel_times=travel_times,
         errors=errors,
         equivalence=equivalence,
+        encounters=compare_encounters(problem.tally_names, field, simulated),
         volumes=_seen_volumes(problem, measures),
         counts=[_volume_entry(volume) for volume in count_volumes(counted, simulated_counts)] if counted else [],
         health=health_of(outcomes),
