@@ -50,9 +50,11 @@ def export(
     /,
     *,
     out: Path,
-    to: Literal["osi", "fcd"] = "osi",
+    to: Literal["osi", "openscenario", "fcd"] = "osi",
     drive: str | None = None,
     seed: Annotated[int, Parameter(validator=Number(gte=0, lte=2_000_000_000))] = 0,
+    range_m: Annotated[float | None, Parameter(validator=Number(gt=0))] = None,
+    free_subject: Annotated[bool, Parameter(negative="")] = False,
     quiet: Annotated[bool, Parameter(negative="")] = False,
 ) -> int:
     """Run the calibrated traffic in SUMO while the subject vehicle drives, and write it for another simulator.
@@ -64,16 +66,21 @@ def export(
     run
         Folder that `jaxcalib calibrate` has left.
     out
-        Folder for the file.
+        Folder for the files.
     to
-        osi: ASAM OSI ground truth (.mcap) whose host vehicle is the subject vehicle; fcd: SUMO's floating car data.
+        osi: ASAM OSI ground truth (.mcap) whose host vehicle is the subject vehicle; openscenario: ASAM OpenSCENARIO
+        XML (.xosc) in which every vehicle follows its trajectory, with the road (.xodr); fcd: SUMO's floating car data.
     drive
         Drive whose departure the subject vehicle has; the first held-out one unless given.
     seed
         Seed of SUMO.
+    range_m
+        Of openscenario: other vehicles are there while they are so near to the subject vehicle; all unless given.
+    free_subject
+        Of openscenario: the subject vehicle, Ego, has no trajectory, for the vehicle under test drives it.
     quiet
         Say nothing but errors.
     """
     from jaxcalib.cli.export_command import run_export
 
-    return run_export(case, run, out, to, drive, seed, quiet=quiet)
+    return run_export(case, run, out, to, drive, seed, range_m, free_subject=free_subject, quiet=quiet)

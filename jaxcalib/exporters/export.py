@@ -1,43 +1,54 @@
 """One run of the calibrated traffic around the subject vehicle, written for another simulator."""
 
 import tempfile
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Literal
 
 from jaxcalib.case.case import Drive
 from jaxcalib.errors import CaseError
-from jaxcalib.exporters.plane import Plane
-from jaxcalib.field.route_geometry import build_route_geometry
-from jaxcalib.importers.sumo_fcd import slices_in
-from jaxcalib.importers.trajectories import Slice
+from jaxcalib.exporters.recorded_run import RecordedRun
 from jaxcalib.problem.problem import CalibrationProblem, read_problem
 from jaxcalib.runs.disk import check_out, check_outside, writing_to
 from jaxcalib.validation.calibrated_run import read_calibrated_run
 from sim_adapters.errors import ScenarioError
-from sim_adapters.sumo.trajectories import VehicleKind, record_trajectories
+from sim_adapters.sumo.trajectories import record_trajectories
 
-Format = Literal["osi", "fcd"]
-WriteGroundTruth = Callable[[Path, Iterable[Slice], Mapping[str, VehicleKind], str, Plane], int]
+Format = Literal["osi", "openscenario", "fcd"]
+Write = Callable[[RecordedRun], list[str]]
 LONGEST_RUN_S = 3600.0
 
 
 def export(
-    case: Path | str, run: Path | str, out: Path | str, *, to: Format = "osi", drive: str | None = None, seed: int = 0
+    case: Path | str,
+    run: Path | str,
+    out: Path | str,
+    *,
+    to: Format = "osi",
+    drive: str | None = None,
+    seed: int = 0,
+    range_m: float | None = None,
+    free_subject: bool = False,
 ) -> list[str]:
     """Run a calibrated scenario in SUMO while the subject vehicle drives, and write its traffic into a folder.
 
     Args:
         case: the case's folder.
         run: RUN, the folder that the calibration has left.
-        out: folder for the file.
-        to: `osi`, an ASAM OSI trace of ground truth (.mcap) whose host vehicle is the subject vehicle; or `fcd`, SUMO's
-            floating car data (.xml.gz).
+        out: folder for the files.
+        to: `osi`, an ASAM OSI trace of ground truth (.mcap) whose host vehicle is the subject vehicle; `openscenario`,
+            an ASAM OpenSCENARIO XML scenario (.xosc) of trajectories in which the subject vehicle is `Ego`, with the
+            road as ASAM OpenDRIVE (.xodr) beside it; or `fcd`, SUMO's floating car data (.xml.gz).
         drive: the drive whose departure the subject vehicle has; the first held-out one, or the first, unless given.
         seed: of SUMO.
+        range_m: of `openscenario`: other vehicles are there while they are so near to the subject vehicle; None for
+            all of them.
+        free_subject: of `openscenario`: the subject vehicle is given place and speed at the beginning and no
+            trajectory, for the vehicle under test drives it.
 
     Returns:
-        One line for each thing that was written.
+        One line for each thing that was written or is missing.
 
     Raises:
         CaseError: case, RUN, drive or folder are wrong, what a format needs is not installed, or SUMO ends the run.
@@ -46,38 +57,51 @@ def export(
     folder = Path(out)
     check_outside(folder, Path(case))
     check_out(folder)
-    write_osi = _osi_writer() if to == "osi" else None
+    write = _writer(to, range_m, free_subject)
     problem = read_problem(case)
     calibrated = read_calibrated_run(Path(run), problem)
     chosen = _drive(problem, drive)
     name = f"{problem.case.name}_{chosen.id}_{seed}"
     with writing_to(folder), tempfile.TemporaryDirectory(prefix="jaxcalib-") as scratch:
         folder.mkdir(parents=True, exist_ok=True)
-        fcd = (folder if write_osi is None else Path(scratch)) / f"{name}.fcd.xml.gz"
+        fcd = (folder if to == "fcd" else Path(scratch)) / f"{name}.fcd.xml.gz"
         subject = problem.parts.subject.vehicle
         try:
             vehicles = record_trajectories(
                 problem.scenario, problem.layout, calibrated.values, chosen.depart_s, subject,
                 problem.parts.scenario.duration_s, seed, fcd, LONGEST_RUN_S,
             )  # fmt: skip
+            if subject not in vehicles:
+                why = f"expected '{subject}' to find room on its first edge; the run ends before."
+                raise CaseError(problem.scenario.configuration.file, "", why)
+            return write(RecordedRun(problem, fcd, vehicles, folder, name))
         except ScenarioError as error:
             raise CaseError(error.file, "", error.message) from None
-        if write_osi is None:
-            return [f"{fcd}: {len(vehicles)} vehicles, SUMO's floating car data; the network is the scenario's."]
-        geometry = build_route_geometry(problem.scenario.row_map)
-        projection = geometry.projection.srs if geometry.has_projection else None
-        file = folder / f"{name}.mcap"
-        number = write_osi(file, slices_in(fcd)(), vehicles, subject, Plane(projection, geometry.net_offset_m))
-        return [f"{file}: {number} messages of ASAM OSI ground truth; the host vehicle is '{subject}'."]
 
 
-def _osi_writer() -> WriteGroundTruth:
+def _writer(to: Format, range_m: float | None, free_subject: bool) -> Write:
+    """What writes a format; its packages are asked for before SUMO runs."""
+    if to != "openscenario" and (range_m is not None or free_subject):
+        option = "--free-subject" if free_subject else "--range-m"
+        raise CaseError("command line", option, f"expected with --to openscenario alone, got --to {to}.")
     try:
-        from jaxcalib.exporters.osi_ground_truth import write_ground_truth
+        if to == "osi":
+            from jaxcalib.exporters.osi_ground_truth import export_ground_truth
+
+            return export_ground_truth
+        if to == "openscenario":
+            from jaxcalib.exporters.open_scenario import export_open_scenario
+
+            return partial(export_open_scenario, range_m=range_m, has_free_subject=free_subject)
     except ModuleNotFoundError as error:
-        todo = f"expected the package {error.name}, which is not installed: pip install 'jaxcalib[osi]'"
-        raise CaseError("command line", "--to osi", todo) from None
-    return write_ground_truth
+        todo = f"expected the package {error.name}, which is not installed: pip install 'jaxcalib[{to}]'"
+        raise CaseError("command line", f"--to {to}", todo) from None
+    return _leave_fcd
+
+
+def _leave_fcd(recorded: RecordedRun) -> list[str]:
+    number = len(recorded.vehicles)
+    return [f"{recorded.fcd}: {number} vehicles, SUMO's floating car data; the network is the scenario's."]
 
 
 def _drive(problem: CalibrationProblem, name: str | None) -> Drive:

@@ -15,6 +15,9 @@ from osi3.osi_version_pb2 import InterfaceVersion, current_interface_version
 from osi_utilities import ChannelSpecification, open_channel_writer
 
 from jaxcalib.exporters.plane import Plane
+from jaxcalib.exporters.recorded_run import RecordedRun
+from jaxcalib.field.route_geometry import build_route_geometry
+from jaxcalib.importers.sumo_fcd import slices_in
 from jaxcalib.importers.trajectories import Slice
 from sim_adapters.sumo.trajectories import VehicleKind
 
@@ -29,6 +32,15 @@ CLASSES = {  # SUMO's vehicle classes that OSI has a word for; others are cars
     "trailer": MovingObject.VehicleClassification.TYPE_HEAVY_TRUCK,
     "truck": MovingObject.VehicleClassification.TYPE_HEAVY_TRUCK,
 }
+
+
+def export_ground_truth(recorded: RecordedRun) -> list[str]:
+    """Write a recorded run's trace and return a line about it."""
+    geometry = build_route_geometry(recorded.problem.scenario.row_map)
+    projection = geometry.projection.srs if geometry.has_projection else None
+    file, plane = recorded.folder / f"{recorded.name}.mcap", Plane(projection, geometry.net_offset_m)
+    number = write_ground_truth(file, slices_in(recorded.fcd)(), recorded.vehicles, recorded.subject, plane)
+    return [f"{file}: {number} messages of ASAM OSI ground truth; the host vehicle is '{recorded.subject}'."]
 
 
 def write_ground_truth(

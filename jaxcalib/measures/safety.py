@@ -26,6 +26,7 @@ VEHICLE = Level.VEHICLE
 LEAST_CLOSING_MPS = 0.1  # less is the rounding of speeds
 LEAST_GAP_M = 0.1  # nominal lengths may overlap where real ones do not
 TTC_BORDER_S = (0.0, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 20.0, 40.0)
+DRAC_BORDER_MPS2 = (0.0, 0.5, 1.0, 1.25, 1.5, 2.0, 2.5, 3.0, 4.0, 6.0, 1000.0)
 KM_PER_1000_KM = 1000.0
 
 
@@ -38,6 +39,7 @@ class Conflicts(Fold):
         for actor in ("subject", "background"):
             names += [f"{actor}_{part}" for part in _PARTS]
             names += indexed(f"{actor}_ttc_bin", len(TTC_BORDER_S) - 1)
+            names += indexed(f"{actor}_drac_bin", len(DRAC_BORDER_MPS2) - 1)
         return (*names, "cut_in_time_gap_s", "cut_in_drac_mps2")
 
     def count(self, scene: Scene) -> dict[str, Array]:
@@ -69,8 +71,9 @@ class Conflicts(Fold):
                 "distance_seen_m": jnp.where(is_actor & scene.is_tracked, scene.interval_s * speed, 0.0),
             }
             counted |= {f"{actor}_{part}": jnp.sum(values) for part, values in parts.items()}
-            in_bin = within(ttc, jnp.asarray(TTC_BORDER_S))
-            counted |= by_index(f"{actor}_ttc_bin", sums_by_class(in_bin, seen.astype(jnp.float32)))
+            for name, values, borders in (("ttc", ttc, TTC_BORDER_S), ("drac", drac, DRAC_BORDER_MPS2)):
+                in_bin = sums_by_class(within(values, jnp.asarray(borders)), (seen & closes).astype(jnp.float32))
+                counted |= by_index(f"{actor}_{name}_bin", in_bin)
         return counted | _at_cut_in(scene, gap, drac)
 
 

@@ -25,6 +25,7 @@ class ValidationResult(msgspec.Struct, frozen=True):
         errors: Eqs. 23-36 with 90 % interval and noise floor.
         equivalence: of each quantity that gives an MoE, whether it is the same within a margin.
         encounters: which of the field's encounters the simulation makes, by kind.
+        tails: deceleration that avoids a crash and is needed once in 1000 km, by actor.
         volumes: volumes that the subject vehicle saw, by section, with their GEH.
         counts: counted and simulated volumes, where there are counts.
         health: what went wrong in the runs, counted.
@@ -51,6 +52,7 @@ class ValidationResult(msgspec.Struct, frozen=True):
     errors: dict[str, Any]
     equivalence: dict[str, Any]
     encounters: dict[str, Any]
+    tails: dict[str, Any]
     volumes: list[dict[str, Any]]
     counts: list[dict[str, Any]]
     health: SimulationHealth

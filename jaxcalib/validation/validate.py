@@ -48,6 +48,7 @@ from jaxcalib.validation.observer import DriveObserver
 from jaxcalib.validation.prediction import FEWEST_ROUNDS
 from jaxcalib.validation.report import validation_html
 from jaxcalib.validation.result import ValidationResult
+from jaxcalib.validation.tails import compare_tails
 from jaxcalib.validation.volumes import Volume
 from sim_adapters.interface import RunOutcome, RunRequest
 
@@ -176,6 +177,7 @@ def _validate(
         errors=errors,
         equivalence=equivalence,
         encounters=compare_encounters(problem.tally_names, field, simulated),
+        tails=compare_tails(problem.tally_names, field, simulated, np.random.default_rng(1)),
         volumes=_seen_volumes(problem, measures),
         counts=[_volume_entry(volume) for volume in count_volumes(counted, simulated_counts)] if counted else [],
         health=health_of(outcomes),

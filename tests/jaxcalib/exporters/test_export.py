@@ -1,6 +1,5 @@
 """Calibrated traffic for other simulators: what is written comes back, and both formats tell the same drive."""
 
-import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -19,6 +18,7 @@ from jaxcalib.importers.sumo_fcd import slices_in
 from jaxcalib.importers.trajectories import Slice
 from jaxcalib.problem.problem import read_problem
 from sim_adapters.sumo.trajectories import VehicleKind, record_trajectories
+from tests.jaxcalib.exporters.traffic import run_of_the_scenario
 from tests.places import CORRIDOR
 
 pytest.importorskip("osi_utilities", reason="the extra 'osi' is not installed")
@@ -96,19 +96,6 @@ def test_a_trace_comes_back_as_the_drive_that_it_was(tmp_path: Path, projection:
         x_m, y_m = 501_000.0 + np.cos(YAW_RAD) * way_m, 5_000_500.0 + np.sin(YAW_RAD) * way_m
         expected = np.radians(pyproj.Proj(UTM)(x_m, y_m, inverse=True))
         assert [first["longitude_rad"], first["latitude_rad"]] == pytest.approx(expected, abs=1e-8)
-
-
-def run_of_the_scenario(folder: Path) -> Path:
-    """RUN with the scenario's own values."""
-    problem = read_problem(CORRIDOR)
-    values, layout = problem.template.base_values().tolist(), problem.layout
-    parameters = {
-        "demand": dict(zip(layout.input_ids, values, strict=False)),
-        "behaviour": {"car": dict(zip(layout.attributes, values[2:], strict=True))},
-    }
-    folder.mkdir()
-    (folder / "result.json").write_text(json.dumps({"format": 1, "parameters": parameters, "seeds": {"search": 0}}))
-    return folder
 
 
 def test_a_drive_that_is_not_there_is_refused_before_anything_is_written(tmp_path: Path):
