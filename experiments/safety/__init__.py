@@ -1,0 +1,1 @@
+"""How dangerous calibrated traffic is, against that of the true parameters."""
