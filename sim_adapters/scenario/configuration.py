@@ -10,24 +10,22 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from sim_adapters.errors import ScenarioError
+from sim_adapters.scenario.option_names import SYNONYMS
 from sim_adapters.scenario.sumo_files import read_xml, resolved
 from sim_adapters.scenario.times import read_time_s
 
-SYNONYMS = {
-    "n": "net-file", "net": "net-file", "r": "route-files", "routes": "route-files", "route": "route-files",
-    "a": "additional-files", "additional": "additional-files", "b": "begin", "e": "end",
-}  # fmt: skip
 # What acts on files, sockets, windows and reports, never on traffic.
 LEFT_OUT = re.compile(
-    r"output|(^|[-.])log($|[-.])|^save-|^load-state|^gui|\.file$|^(remote-port|num-clients|start|quit-on-end|game.*|"
-    r"delay|window-.*|demo|breakpoints|tracker-interval|osg-.*|registry-viewer|verbose|v|print-options|"
-    r"no-warnings|no-step-log|step-log\.period|aggregate-warnings|xml-validation.*|write-license|"
-    r"duration-log\..*|human-readable-time|fcd-.*|device\.fcd\..*|device\.emissions.*|emission.*|summary.*|"
-    r"tripinfo.*|statistic.*|alternative-view|edgedata-files|edge-data-.*|threads|precision.*|language|"
-    r"random|seed|configuration-file|c|weights\.minor-penalty\.unused)$"
+    r"output|(^|[-.])log($|[-.])|^save-|^load-state|^gui|\.files?$|^netstate-|^device\.ssm\.|^("
+    r"pedestrian\.jupedsim\.(wkt|py)|remote-port|num-clients|start|quit-on-end|game.*|delay|window-.*|demo|"
+    r"breakpoints|tracker-interval|osg-.*|registry-viewer|verbose|print-options|help|version|no-warnings|"
+    r"no-step-log|step-log\.period|aggregate-warnings|xml-validation.*|write-license|duration-log\..*|"
+    r"human-readable-time|fcd-.*|device\.fcd\..*|device\.emissions.*|emission.*|alternative-view|"
+    r"alternative-net-file|selection-file|edgedata-files|edge-data-.*|threads|precision.*|language|random|seed|"
+    r"configuration-file|weights\.minor-penalty\.unused)$"
 )
 HARMLESS = re.compile(
-    r"^(verbose|v|no-warnings|no-step-log|step-log\.period|duration-log\..*|xml-validation.*|random|seed|threads|"
+    r"^(verbose|no-warnings|no-step-log|step-log\.period|duration-log\..*|xml-validation.*|random|seed|threads|"
     r"precision.*|start|quit-on-end|delay|gui.*|demo|window-.*|human-readable-time|write-license|print-options|"
     r"aggregate-warnings|breakpoints|tracker-interval|language)$"
 )  # not even worth a line

@@ -17,7 +17,7 @@ from sim_adapters.scenario.demand_elements import DEFAULT_VTYPE
 from sim_adapters.scenario.demand_windows import cut_flows
 from sim_adapters.scenario.scaled_demand import scale_flow, scale_vehicles
 from sim_adapters.scenario.scenario import Scenario
-from sim_adapters.scenario.scenario_files import writes_output
+from sim_adapters.scenario.scenario_files import without_outputs
 from sim_adapters.scenario.sumo_effects import Draft, put_into
 from sim_adapters.scenario.sumo_files import read_xml
 from sim_adapters.scenario.sumo_names import SPEED_DISTRIBUTION
@@ -79,11 +79,13 @@ def write_scenario(
     departs_s = [depart_s] if isinstance(depart_s, float | int) else depart_s
     sources = [*configuration.additional_files, *configuration.route_files]
     roots = [read_xml(file) for file in sources]
+    if not is_handed_over:
+        for root in roots:
+            without_outputs(root)
     file_of: dict[int, int] = {}  # by identity of the element
     elements: list[ET.Element] = []
     for number, (source, root) in enumerate(zip(sources, roots, strict=True)):
-        own = [one for one in root if is_handed_over or not writes_output(one)]
-        own = cut_flows(source, own, scenario.windows)
+        own = cut_flows(source, list(root), scenario.windows)
         for element in scale_vehicles(own, factors, subject_vehicle, scenario.windows):
             element.tail = "\n"
             for vtype in element.iter("vType"):

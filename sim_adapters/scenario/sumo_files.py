@@ -1,10 +1,11 @@
 """Reads SUMO's files without letting them do anything: a case from a stranger may be wrong, it may not do harm.
 
-Document types (entities) are refused, and sizes are bounded.
+Document types (entities) and includes are refused, and sizes are bounded.
 """
 
 import gzip
 import xml.etree.ElementTree as ET
+import zlib
 from pathlib import Path
 from xml.parsers import expat
 
@@ -18,21 +19,28 @@ def read_xml(file: Path) -> ET.Element:
     """Return the root of an XML file, packed or not.
 
     Raises:
-        ScenarioError: the file is missing, too large, has a DOCTYPE, or is not XML.
+        ScenarioError: the file is missing, too large, has a DOCTYPE or an include, or is not XML.
     """
     if not file.is_file():
         raise ScenarioError(file, f"expected a file at '{file}'; there is none.")
-    raw = file.read_bytes()
-    if raw[:2] == GZIP_MAGIC:
-        with gzip.open(file) as packed:
-            raw = packed.read(LARGEST_UNPACKED_BYTES + 1)
+    try:
+        raw = file.read_bytes()
+        if raw[:2] == GZIP_MAGIC:
+            with gzip.open(file) as packed:
+                raw = packed.read(LARGEST_UNPACKED_BYTES + 1)
+    except (OSError, EOFError, zlib.error) as error:
+        raise ScenarioError(file, f"expected a file that can be read: {error}.") from None
     if len(raw) > LARGEST_UNPACKED_BYTES:
         raise ScenarioError(file, f"expected at most {LARGEST_UNPACKED_BYTES // 2**20} MiB of XML.")
     try:
         _refuse_document_type(file, raw)
-        return ET.fromstring(raw)
+        root = ET.fromstring(raw)
     except (ET.ParseError, expat.ExpatError, RecursionError) as error:
         raise ScenarioError(file, f"expected XML: {error}.") from None
+    if next(root.iter("include"), None) is not None:
+        todo = "name that file in the configuration, or put what stands in it here."
+        raise ScenarioError(file, f"expected no <include>, by which SUMO reads a file that nobody checks: {todo}")
+    return root
 
 
 def _refuse_document_type(file: Path, raw: bytes) -> None:

@@ -25,9 +25,12 @@ def load_in_sumo(configuration: SumoConfiguration) -> LoadedScenario:
     """
     files = [*configuration.additional_files, *configuration.route_files]
     with tempfile.TemporaryDirectory(prefix="jaxcalib-") as folder:
-        additional = [str(copy_without_outputs(file, Path(folder))) for file in configuration.additional_files]
+        additional, routes = (
+            [str(copy_without_outputs(file, Path(folder))) for file in several]
+            for several in (configuration.additional_files, configuration.route_files)
+        )
         question = {
-            "arguments": _arguments(configuration, additional),
+            "arguments": _arguments(configuration, additional, routes),
             "trips": [[*trip[:2], list(trip[2]), trip[3]] for trip in trips_without_edges(files)],
         }
         said, lines = start_worker("sim_adapters.sumo.loading_worker", question, LONGEST_LOADING_S)()
@@ -39,9 +42,9 @@ def load_in_sumo(configuration: SumoConfiguration) -> LoadedScenario:
     return LoadedScenario(said["vtypes"], ways, warnings[:MOST_LINES])
 
 
-def _arguments(configuration: SumoConfiguration, additional: Sequence[str]) -> list[str]:
+def _arguments(configuration: SumoConfiguration, additional: Sequence[str], routes: Sequence[str]) -> list[str]:
     arguments = ["--net-file", str(configuration.net_file)]
-    arguments += ["--route-files", ",".join(map(str, configuration.route_files)), "--route-steps", "0"]
+    arguments += ["--route-files", ",".join(routes), "--route-steps", "0"]
     arguments += ["--additional-files", ",".join(additional)] if additional else []
     arguments += ["--begin", str(configuration.begin_s), "--step-length", str(configuration.step_s)]
     skipped = {"route-steps"}
