@@ -10,6 +10,7 @@ from typing import Literal
 import numpy as np
 
 from jaxcalib.calibration.confirmation.final_errors import FinalRuns, start_final_runs
+from jaxcalib.calibration.objective.moments import all_moments
 from jaxcalib.calibration.record import CalibrationRecord
 from jaxcalib.calibration.result.outputs import write_outputs
 from jaxcalib.calibration.result.result import CalibrationResult
@@ -88,6 +89,7 @@ def calibrate(
     problem = read_problem(case)
     demand = problem.template.base_demand_vehph()
     parameter_space(problem.layout, problem.model, demand, chosen.scaling_factor, chosen.bounds)  # are they sound?
+    all_moments(problem.measures, problem.tally_index, chosen.also_match)
     in_sumo = is_searched_in_sumo(problem, engine)
     options = {"seed": seed, "budget": budget, "settings": repr(chosen)} | ({"engine": "sumo"} if in_sumo else {})
     identity = identify(problem.case, options)

@@ -22,6 +22,7 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         num_critical: K: how many driver parameters Stage 2's optimiser moves at most.
         optimiser: of Stage 2, by its name in `jaxcalib.search.registry`; `literal` takes the printed Algorithm 3.
         objective: "likelihood" weighs errors by their noise; "paper" takes the mean relative error of Eqs. 2 and 11.
+        also_match: measures that the likelihood matches besides: those of safety, which it leaves out, say.
         accuracy_threshold: a_thre of Algorithms 1 and 3; the accuracy that the truth shows on average unless given.
         literal: Algorithms 1 and 3 as printed, with their slips.
         without: parts that are left out, to see what they buy: what the logs say of drivers, Stage 2's optimiser, the
@@ -33,6 +34,7 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     num_critical: Annotated[int, Meta(ge=1, le=50)] = 10
     optimiser: str = "trust_region"
     objective: Literal["likelihood", "paper"] = "likelihood"
+    also_match: tuple[str, ...] = ()
     accuracy_threshold: Annotated[float, Meta(gt=0.0, le=1.0)] | None = None
     literal: bool = False
     without: tuple[Part, ...] = ()

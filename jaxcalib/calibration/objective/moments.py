@@ -1,5 +1,6 @@
 """The measures that a calibration matches, as one vector, with the noise that seeds and drives leave on it."""
 
+import difflib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -7,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 from sklearn.covariance import LedoitWolf
 
+from jaxcalib.errors import CaseError, quote
 from jaxcalib.measures.measure import Level, Measure
 
 FEWEST_EVENTS = 5.0  # in all drives to fit together, of what is counted per drive
@@ -53,9 +55,22 @@ class Moments:
         )
 
 
-def all_moments(measures: Mapping[str, Measure], tally_index: Mapping[str, int]) -> Moments:
-    """All measures that the default objective matches."""
-    return moments_of([measure for measure in measures.values() if measure.is_matched], tally_index)
+def all_moments(
+    measures: Mapping[str, Measure], tally_index: Mapping[str, int], further: Sequence[str] = ()
+) -> Moments:
+    """All measures that the default objective matches, and further ones by name.
+
+    Raises:
+        CaseError: there is no such measure, or it is none that can be matched.
+    """
+    can = [name for name, measure in measures.items() if measure.is_quotient]
+    for name in further:
+        if name not in can:
+            near = ", ".join(difflib.get_close_matches(name, can, n=3) or can[:3])
+            why = "it is no mean, rate or share" if name in measures else "there is none of that name"
+            raise CaseError("settings", "also_match", f"expected measures such as {near}; got {quote(name)}: {why}.")
+    chosen = [measure for measure in measures.values() if measure.is_matched or measure.name in further]
+    return moments_of(chosen, tally_index)
 
 
 def moments_of(measures: Sequence[Measure], tally_index: Mapping[str, int]) -> Moments:

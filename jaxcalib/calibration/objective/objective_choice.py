@@ -33,7 +33,7 @@ def choose_objective(
         by_moe |= {measure.printed_moe: measure for measure in problem.measures.values() if measure.printed_moe}
         candidates = moments_of([by_moe[moe] for moe in Moe], problem.tally_index)
     else:
-        candidates = all_moments(problem.measures, problem.tally_index)
+        candidates = all_moments(problem.measures, problem.tally_index, settings.also_match)
     moments = observed_moments(candidates, field, runs)
     return Objective(
         moments=moments,

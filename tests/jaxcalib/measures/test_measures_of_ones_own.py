@@ -95,6 +95,7 @@ def test_the_field_is_measured(problem: CalibrationProblem):
 
 def test_a_quotient_enters_the_objective_unless_it_says_otherwise(problem: CalibrationProblem):
     moments = all_moments(problem.measures, problem.tally_index)
+    assert "cut_in_time_gap_s" not in moments.names
     assert moments.names[-1] == "subject_following_share"
     assert "subject_short_headway_share" not in moments.names
     value = moments.values(problem.field_tally.sum(axis=0))[-1]

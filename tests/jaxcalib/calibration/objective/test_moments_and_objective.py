@@ -1,15 +1,17 @@
 from dataclasses import replace
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from jaxcalib.calibration.confirmation.discrepancy import Confirmed, learn_discrepancy
 from jaxcalib.calibration.objective.evidence import SCENARIO_ERROR, evidence_of, independent_evidence
-from jaxcalib.calibration.objective.moments import Moments, noise_covariance, observed_moments
+from jaxcalib.calibration.objective.moments import Moments, all_moments, noise_covariance, observed_moments
 from jaxcalib.calibration.objective.objective import MODEL_ERROR, Objective
+from jaxcalib.errors import CaseError
 from jaxcalib.initial_values.demand_profile import DemandEstimate
-from jaxcalib.measures.measure import Level
+from jaxcalib.measures.measure import LeftOut, Level, Measure, Percentile
 from jaxcalib.problem.parameter_space import ParameterSpace, Range
 from sim_adapters.interface import ParameterLayout
 from tests.jaxcalib.calibration.toy import NOISE, OFFSET, RESPONSE, SPACE, TRUTH, tallies, toy_moments, toy_objective
@@ -25,6 +27,21 @@ def ratio_tallies(num_runs: int, seed: int) -> np.ndarray:
 
 def two_ratios() -> Moments:
     return Moments(("a", "b"), (Level.TRAFFIC,) * 2, np.asarray([0, 1]), np.asarray([2, 3]), np.asarray([1.0, 3.6]), 4)
+
+
+def test_a_user_may_have_further_measures_matched():
+    def measure(name: str, **options: Any) -> Measure:
+        return Measure(name, "", Level.VEHICLE, "above", "below", **options)
+
+    median = Percentile("median", "", Level.VEHICLE, "bins", "below", borders=(0.0, 1.0))
+    several = {one.name: one for one in (measure("speed"), measure("near_misses", left_out=LeftOut.SAFETY), median)}
+    index = {"above": 0, "below": 1, "drives": 2}
+    assert all_moments(several, index).names == ("speed",)
+    assert all_moments(several, index, ["near_misses"]).names == ("speed", "near_misses")
+    with pytest.raises(CaseError, match='also_match: expected measures such as near_misses; got "near_miss": there is'):
+        all_moments(several, index, ["near_miss"])
+    with pytest.raises(CaseError, match="it is no mean"):
+        all_moments(several, index, ["median"])
 
 
 def test_noise_of_pooled_ratios_agrees_with_their_scatter():
