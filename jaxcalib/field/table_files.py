@@ -248,7 +248,10 @@ def _read_batches(file: Path, columns: list[str], texts: list[str], limit: SizeL
 def _check_words(file: Path, column: str, values: pa.Array) -> None:
     """Refuse long texts: a dictionary holds each only once, so they would unpack beyond any limit."""
     words = values.dictionary if isinstance(values, pa.DictionaryArray) else values
-    if pa.types.is_integer(words.type) or not len(words):
+    is_text = pa.types.is_string(words.type) or pa.types.is_large_string(words.type)
+    if pa.types.is_string_view(words.type):  # whose lengths Arrow does not tell
+        words, is_text = words.cast(pa.large_string()), True
+    if not is_text or not len(words):  # whether it is what the column holds is asked elsewhere
         return
     longest = pc.call_function("max", [pc.call_function("binary_length", [words])]).as_py()
     if longest and longest > LONGEST_TEXT:

@@ -5,9 +5,11 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
+from xml.sax import SAXException
 
 import sumolib
 
+from sim_adapters.errors import ScenarioError
 from sim_adapters.scenario.change_zones import ChangeZone, join_lanes
 from sim_adapters.scenario.demand_definitions import Route
 from sim_adapters.scenario.finding import Finding, Level
@@ -70,9 +72,14 @@ def read_route_network(
         is_left_hand: whether the network says that traffic drives on the left.
 
     Raises:
-        ScenarioError: a route has an edge that the network lacks, or two edges that are not connected.
+        ScenarioError: the network cannot be read, or a route has an edge that it lacks or two that are not
+            connected.
     """
-    net = sumolib.net.readNet(str(file), withInternal=True)
+    try:
+        net = sumolib.net.readNet(str(file), withInternal=True)
+    except (KeyError, ValueError, TypeError, AttributeError, IndexError, SyntaxError, SAXException) as error:
+        # what is missing or odd in a network shows in sumolib as whatever it trips over; lxml's errors are SyntaxErrors
+        raise ScenarioError(file, f"expected a network that SUMO's own tools read: {error!r:.100}.") from None
     refuse_broken(net, file, list(dict.fromkeys(map(tuple, [main_edges, *routes]))), users or {})
     findings: list[Finding] = []
     place = _main_axis(net, main_edges)

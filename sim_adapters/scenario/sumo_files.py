@@ -12,6 +12,7 @@ from xml.parsers import expat
 from sim_adapters.errors import ScenarioError
 
 LARGEST_UNPACKED_BYTES = 200 * 1024 * 1024
+MOST_LEVELS = 100  # SUMO's files have six
 GZIP_MAGIC = b"\x1f\x8b"
 
 
@@ -19,7 +20,7 @@ def read_xml(file: Path) -> ET.Element:
     """Return the root of an XML file, packed or not.
 
     Raises:
-        ScenarioError: the file is missing, too large, has a DOCTYPE or an include, or is not XML.
+        ScenarioError: the file is missing, too large, has a DOCTYPE or an include, too many levels, or is not XML.
     """
     if not file.is_file():
         raise ScenarioError(file, f"expected a file at '{file}'; there is none.")
@@ -35,8 +36,9 @@ def read_xml(file: Path) -> ET.Element:
     try:
         _refuse_document_type(file, raw)
         root = ET.fromstring(raw)
-    except (ET.ParseError, expat.ExpatError, RecursionError) as error:
+    except (ET.ParseError, expat.ExpatError, RecursionError, LookupError) as error:  # the last: an unknown encoding
         raise ScenarioError(file, f"expected XML: {error}.") from None
+    _refuse_depth(file, root)
     if next(root.iter("include"), None) is not None:
         todo = "name that file in the configuration, or put what stands in it here."
         raise ScenarioError(file, f"expected no <include>, by which SUMO reads a file that nobody checks: {todo}")
@@ -52,6 +54,16 @@ def _refuse_document_type(file: Path, raw: bytes) -> None:
     parser = expat.ParserCreate()
     parser.StartDoctypeDeclHandler = refuse
     parser.Parse(raw, True)
+
+
+def _refuse_depth(file: Path, root: ET.Element) -> None:
+    """Refuse what other readers and writers of XML follow by recursion until they fail."""
+    level, depth = [root], 0
+    while level:
+        level = [child for element in level for child in element]
+        depth += 1
+        if depth > MOST_LEVELS:
+            raise ScenarioError(file, f"expected at most {MOST_LEVELS} levels of elements in one another.")
 
 
 def resolved(file: Path, origin: Path) -> Path:

@@ -159,6 +159,14 @@ def test_refuses_a_parquet_bomb(tmp_path: Path):
     )
 
 
+@pytest.mark.parametrize("ids", [pa.array([7.0, 8.0]), pa.array(["7", "8"]).cast(pa.string_view())])
+def test_texts_may_be_stored_as_numbers_or_views(tmp_path: Path, ids: pa.Array):
+    table = pa.table({"time_s": [1.0, 2.0], "id": ids, "x_m": [1.0, 2.0]})
+    pyarrow.parquet.write_table(table, tmp_path / "t.parquet")
+    index, words = read_columns(tmp_path / "t.parquet", COLUMNS).texts["id"]
+    assert [float(words[i]) for i in index] == [7.0, 8.0]
+
+
 def test_refuses_long_texts_in_parquet(tmp_path: Path):
     pyarrow.parquet.write_table(pa.table({"time_s": [1.0], "id": ["a" * 2000], "x_m": [1.0]}), tmp_path / "t.parquet")
     assert message(tmp_path / "t.parquet") == "t.parquet: column id: expected texts of at most 1000 bytes, got 2000."

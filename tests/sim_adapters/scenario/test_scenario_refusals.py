@@ -66,6 +66,30 @@ def test_document_types_in_another_encoding(own_corridor: Path):
     refusal(own_corridor, DEMAND)
 
 
+@pytest.mark.parametrize("name", [DEMAND, NET])
+def test_elements_within_elements_end_somewhere(own_corridor: Path, name: str):
+    root = "<routes>" if name == DEMAND else "<net "
+    text = (own_corridor / "scenario" / name).read_text()
+    end = text.rindex("</")
+    (own_corridor / "scenario" / name).write_text(f"{text[:end]}{'<a>' * 5000}{'</a>' * 5000}{text[end:]}")
+    assert root in text
+    assert "100 levels" in refusal(own_corridor, name)
+
+
+@pytest.mark.parametrize("encoding", ["none", "rot13", "hex"])
+def test_encodings_that_are_none(own_corridor: Path, encoding: str):
+    file = own_corridor / "scenario" / DEMAND
+    file.write_text(f'<?xml version="1.0" encoding="{encoding}"?>' + file.read_text())
+    assert "expected XML" in refusal(own_corridor, DEMAND)
+
+
+def test_packed_files_that_are_cut_off(own_corridor: Path):
+    packed = own_corridor / "scenario/demand.rou.xml.gz"
+    packed.write_bytes(gzip.compress((own_corridor / "scenario" / DEMAND).read_bytes())[:200])
+    spoil(own_corridor, CONFIG, f'"{DEMAND}"', f'"{packed.name}"')
+    assert "can be read" in refusal(own_corridor, packed.name)
+
+
 def test_packed_files_are_read_up_to_a_limit(own_corridor: Path, monkeypatch: pytest.MonkeyPatch):
     packed = own_corridor / "scenario/demand.rou.xml.gz"
     packed.write_bytes(gzip.compress((own_corridor / "scenario" / DEMAND).read_bytes()))

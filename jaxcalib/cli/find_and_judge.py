@@ -1,0 +1,232 @@
+"""Commands that find values and judge them: each is a calculation of minutes."""
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+from cyclopts import Parameter
+from cyclopts.validators import Number
+
+
+def calibrate(
+    case: Path,
+    /,
+    *,
+    out: Path,
+    seed: Annotated[int, Parameter(validator=Number(gte=0, lte=2000))] = 0,
+    budget: Annotated[float, Parameter(validator=Number(gte=0.05, lte=100.0))] = 1.0,
+    resume: Annotated[bool, Parameter(negative="")] = False,
+    settings: Path | None = None,
+    engine: Literal["auto", "surrogate", "sumo"] = "auto",
+    cluster: str | None = None,
+    profile: Annotated[bool, Parameter(negative="")] = False,
+    quiet: Annotated[bool, Parameter(negative="")] = False,
+) -> int:
+    """Calibrate demand and driver behaviour of a case.
+
+    Leaves result.json, report.html and scenario/ (SUMO files with the calibrated values) in the folder given by --out.
+
+    Parameters
+    ----------
+    case
+        Folder with case.toml, the SUMO scenario and the logs.
+    out
+        Folder for the results; it must be empty or not there yet.
+    seed
+        Seed of all random numbers; the same seed gives the same result.
+    budget
+        Factor on the numbers of simulation runs: 0.5 is quick, 2 is thorough.
+    resume
+        Go on with a calibration that was stopped.
+    settings
+        TOML file with further options (docs/settings.md).
+    engine
+        Simulator that makes the search's runs: the surrogate where it can follow the scenario (auto), or SUMO alone.
+    cluster
+        Address of a dask scheduler whose workers make SUMO's runs (docs/cluster.md).
+    profile
+        Say at the end where the time went, by kind of work, and keep it in the result.
+    quiet
+        Say nothing but errors.
+    """
+    from jaxcalib.calibration.pipeline import calibrate as run
+    from jaxcalib.cli.guarded import guarded
+    from jaxcalib.cli.profile_table import print_profile
+    from jaxcalib.cli.terminal import TerminalProgress, summary
+    from jaxcalib.runs.profile import profiled
+    from jaxcalib.runs.progress import Silent
+
+    def work() -> str:
+        with profiled(profile), Silent() if quiet else TerminalProgress() as progress:
+            result = run(
+                case, out, seed=seed, budget=budget, resume=resume, settings=settings, engine=engine,
+                cluster=cluster, progress=progress,
+            )  # fmt: skip
+            print_profile()
+        return "" if quiet else summary(result, out)
+
+    return guarded(work, f"go on with: jaxcalib calibrate {case} --out {out} --resume", out)
+
+
+def diagnose(
+    case: Path,
+    /,
+    *,
+    out: Path,
+    seed: Annotated[int, Parameter(validator=Number(gte=0, lte=2000))] = 0,
+    budget: Annotated[float, Parameter(validator=Number(gte=0.05, lte=100.0))] = 1.0,
+    resume: Annotated[bool, Parameter(negative="")] = False,
+    cluster: str | None = None,
+    profile: Annotated[bool, Parameter(negative="")] = False,
+    quiet: Annotated[bool, Parameter(negative="")] = False,
+) -> int:
+    """Tell where simulation and road differ, which missing effect causes it, and how far adding it closes the gap.
+
+    Leaves diagnosis.json and diagnosis.html in the folder given by --out.
+
+    Parameters
+    ----------
+    case
+        Folder with case.toml, the SUMO scenario and the logs.
+    out
+        Folder for the results; it must be empty or not there yet.
+    seed
+        Seed of all random numbers; the same seed gives the same result.
+    budget
+        Factor on the numbers of simulation runs: 0.5 is quick, 2 is thorough.
+    resume
+        Go on with a diagnosis that was stopped.
+    cluster
+        Address of a dask scheduler whose workers make SUMO's runs (docs/cluster.md).
+    profile
+        Say at the end where the time went, by kind of work, and keep it in the result.
+    quiet
+        Say nothing but errors.
+    """
+    from jaxcalib.cli.diagnosis_summary import summary
+    from jaxcalib.cli.guarded import guarded
+    from jaxcalib.cli.profile_table import print_profile
+    from jaxcalib.cli.terminal import TerminalProgress
+    from jaxcalib.diagnosis.run import diagnose as run
+    from jaxcalib.runs.profile import profiled
+    from jaxcalib.runs.progress import Silent
+
+    def work() -> str:
+        with profiled(profile), Silent() if quiet else TerminalProgress() as progress:
+            found = run(case, out, seed=seed, budget=budget, resume=resume, cluster=cluster, progress=progress)
+            print_profile()
+        return "" if quiet else summary(found, out)
+
+    return guarded(work, f"go on with: jaxcalib diagnose {case} --out {out} --resume", out)
+
+
+def validate(
+    case: Path,
+    run: Path,
+    /,
+    *,
+    out: Path | None = None,
+    seeds: Annotated[int, Parameter(validator=Number(gte=3, lte=1000))] = 20,
+    drives: Literal["held_out", "fit"] | None = None,
+    counts: Path | None = None,
+    margins: Path | None = None,
+    resume: Annotated[bool, Parameter(negative="")] = False,
+    cluster: str | None = None,
+    profile: Annotated[bool, Parameter(negative="")] = False,
+    quiet: Annotated[bool, Parameter(negative="")] = False,
+) -> int:
+    """Judge a calibrated result by the field, in SUMO alone: every criterion with its standard, pass or fail.
+
+    Leaves validation.json and validation.html. The exit code does not depend on whether criteria pass.
+
+    Parameters
+    ----------
+    case
+        Folder with case.toml, the SUMO scenario and the logs.
+    run
+        Folder that `jaxcalib calibrate` has left.
+    out
+        Folder for the results; RUN/validation unless given.
+    seeds
+        Rounds of drives: each drive is run once in each.
+    drives
+        Role of the drives to judge by: held_out or fit; held-out drives where there are any.
+    counts
+        Table of counted vehicles (docs/validate.md); GEH and FHWA 2019 need one.
+    margins
+        TOML file with margins within which quantities count as the same (docs/validate.md).
+    resume
+        Go on with a validation that was stopped.
+    cluster
+        Address of a dask scheduler whose workers make SUMO's runs (docs/cluster.md).
+    profile
+        Say at the end where the time went, by kind of work, and keep it in the result.
+    quiet
+        Say nothing but errors.
+    """
+    from jaxcalib.cli.validate_command import ValidateOptions, run_validation
+
+    return run_validation(
+        ValidateOptions(case, run, out, seeds, drives, counts, margins, resume, cluster, profile, quiet)
+    )
+
+
+def sweep(
+    case: Path | None = None,
+    /,
+    *,
+    out: Path,
+    design: str = "sobol:1024",
+    seeds: Annotated[int, Parameter(validator=Number(gte=1))] = 4,
+    engine: Literal["surrogate", "sumo"] = "surrogate",
+    seed: Annotated[int, Parameter(validator=Number(gte=0, lte=2000))] = 0,
+    parameters: Annotated[tuple[str, ...] | None, Parameter(consume_multiple=True, negative="")] = None,
+    settings: Path | None = None,
+    shard: str | None = None,
+    merge: Annotated[bool, Parameter(negative="")] = False,
+    cluster: str | None = None,
+    resume: Annotated[bool, Parameter(negative="")] = False,
+    profile: Annotated[bool, Parameter(negative="")] = False,
+    quiet: Annotated[bool, Parameter(negative="")] = False,
+) -> int:
+    """Run many parameter sets on several seeds each, and keep every run as a row of a table.
+
+    The same command goes on with a sweep that was stopped. Leaves the table, and beside it a .json and a .html file.
+
+    Parameters
+    ----------
+    case
+        Folder with case.toml, the SUMO scenario and the logs.
+    out
+        The table to write; its name ends in .parquet.
+    design
+        sobol:N, latin-hypercube:N, grid:LEVELS, orthogonal-array:LEVELS, or a table of your own (.csv, .parquet).
+    seeds
+        Runs of each candidate; all candidates have the same seeds.
+    engine
+        Simulator: surrogate or sumo.
+    seed
+        Seed of all random numbers.
+    parameters
+        Names of the parameters that vary; all of them unless given. The others keep the scenario's values.
+    settings
+        TOML file with bounds (docs/settings.md).
+    shard
+        Part that this job makes, for example 3/8; all jobs share the folder of --out. Then --merge.
+    merge
+        Check that nothing is missing of what the jobs have made, and write the table.
+    cluster
+        Address of a dask scheduler whose workers make the runs (docs/cluster.md).
+    resume
+        Insist on a sweep that was begun.
+    profile
+        Say at the end where the time went, by kind of work, and keep it in the result.
+    quiet
+        Say nothing but errors.
+    """
+    from jaxcalib.cli.sweep_command import SweepOptions, run_sweep
+
+    options = SweepOptions(
+        design=design, seeds=seeds, engine=engine, seed=seed, parameters=parameters, settings=settings, shard=shard,
+        cluster=cluster, resume=resume,
+    )  # fmt: skip
+    return run_sweep(case, out, options, merge=merge, profile=profile, quiet=quiet)
