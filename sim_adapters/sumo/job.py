@@ -64,3 +64,31 @@ class SumoRun:
     wall_s: float  # computing time
     cpu_s: float  # processor time of the process that made the run
     passed_s: Mapping[str, np.ndarray]  # when vehicles passed the end of each counted edge
+
+
+ROWS_OF_RUN = ("time_s", "vehicle", "row", "position_m", "speed_mps", "acceleration_mps2", "lateral_m")
+
+
+def oddity_of(answer: object, job: SumoJob) -> str:
+    """Return what is odd in a worker's answer, in words; nothing where it can be a run.
+
+    Answers come from other processes, of other machines, too. One that is spoilt on its way must not be taken for
+    traffic.
+
+    Args:
+        answer: what a worker sent.
+        job: what it was asked for.
+    """
+    if not isinstance(answer, SumoRun):
+        return f"a {type(answer).__name__} instead of a run"
+    arrays = [getattr(answer, name) for name in ROWS_OF_RUN]
+    if not all(isinstance(array, np.ndarray) and array.ndim == 1 for array in arrays):
+        return "what should be a list of numbers is none"
+    if len({len(array) for array in arrays}) != 1:
+        return "lists of different lengths"
+    if not np.isfinite(answer.time_s).all() or (np.diff(answer.time_s) < 0.0).any():
+        return "times that do not follow each other"
+    num_rows = 1 + max((row for row, *_ in job.lane_place.values()), default=0)
+    if len(answer.row) and not 0 <= answer.row.min() <= answer.row.max() < num_rows:
+        return "rows that the road does not have"
+    return ""

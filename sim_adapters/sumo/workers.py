@@ -88,8 +88,8 @@ class LocalWorkers:
         """
         return AttemptedRun(partial(self.start, write), seed)
 
-    def start(self, write: WriteRun) -> tuple[Path, Future[SumoRun]]:
-        """Start a run once; return its folder, which is the caller's to remove, and what waits for it.
+    def start(self, write: WriteRun) -> tuple[SumoJob, Future[SumoRun]]:
+        """Start a run once; return what is to be done, whose folder is the caller's to remove, and what waits for it.
 
         Raises:
             WorkersEndedError: processes die at their start.
@@ -97,7 +97,7 @@ class LocalWorkers:
         folder = Path(tempfile.mkdtemp(prefix="run-", dir=self._scratch))
         job = write(folder)
         try:
-            return folder, self._pool.schedule(run_job, args=(job,), timeout=self._longest_run_s)
+            return job, self._pool.schedule(run_job, args=(job,), timeout=self._longest_run_s)
         except RuntimeError as error:  # of a pool whose processes have all died at their start
             raise WorkersEndedError from error
 

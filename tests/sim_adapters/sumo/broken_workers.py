@@ -2,7 +2,9 @@
 
 import os
 import time
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -49,6 +51,29 @@ def die(job: SumoJob) -> SumoRun:
     """Take the process along, as a crash of SUMO does."""
     note(job)
     os._exit(7)
+
+
+def spoil_first(job: SumoJob, **spoilt: Any) -> SumoRun:
+    """Answer wrongly at the first try."""
+    run = short_run(job)
+    return replace(run, **spoilt) if note(job) == 1 else run
+
+
+def shorten_first(job: SumoJob) -> SumoRun:
+    return spoil_first(job, position_m=np.asarray([100.0, 130.0, 105.0]))
+
+
+def leave_road_first(job: SumoJob) -> SumoRun:
+    return spoil_first(job, row=np.asarray([0, 0, 0, 1000]))
+
+
+def go_back_in_time_first(job: SumoJob) -> SumoRun:
+    return spoil_first(job, time_s=np.asarray([1.5, 1.5, 1.0, 1.0]))
+
+
+def answer_nothing(job: SumoJob) -> Any:
+    """Answer with what is no run, each time."""
+    note(job)
 
 
 def die_once(job: SumoJob) -> SumoRun:

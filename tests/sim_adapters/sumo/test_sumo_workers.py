@@ -80,6 +80,26 @@ def test_a_worker_that_dies_once_does_no_harm(make_runs: Run, tries: Callable[[i
     assert tries(11) == 2
 
 
+@pytest.mark.parametrize(
+    "work", [broken_workers.shorten_first, broken_workers.leave_road_first, broken_workers.go_back_in_time_first]
+)
+def test_an_answer_that_is_spoilt_is_asked_for_again(
+    make_runs: Run, tries: Callable[[int], int], work: Callable[[SumoJob], SumoRun]
+):
+    (outcome,) = make_runs(work, [11])
+    (right,) = make_runs(broken_workers.short_run, [11])
+    assert outcome.status is Status.OK
+    np.testing.assert_array_equal(outcome.observed, right.observed)
+    assert tries(11) == 2
+
+
+def test_who_never_answers_with_a_run_has_failed(make_runs: Run, tries: Callable[[int], int]):
+    (outcome,) = make_runs(broken_workers.answer_nothing, [3])
+    assert outcome.status is Status.FAILED
+    assert "a NoneType instead of a run" in outcome.log_tail
+    assert tries(3) == 2
+
+
 def test_a_worker_that_dies_takes_no_other_run_along(make_runs: Run):
     seeds = [3, 2, 5, 4, 6]
     outcomes = make_runs(broken_workers.die_if_odd, seeds)
