@@ -26,7 +26,7 @@ VEHICLE = Level.VEHICLE
 LEAST_CLOSING_MPS = 0.1  # less is the rounding of speeds
 LEAST_GAP_M = 0.1  # nominal lengths may overlap where real ones do not
 TTC_BORDER_S = (0.0, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 20.0, 40.0)
-DRAC_BORDER_MPS2 = (0.0, 0.5, 1.0, 1.25, 1.5, 2.0, 2.5, 3.0, 4.0, 6.0, 1000.0)
+DRAC_BORDER_MPS2 = (0.0, 0.05, 0.1, 0.2, 0.3, 0.4, 0.6, 0.8, 1.0, 1.5, 2.0, 3.0, 4.0, 1000.0)
 KM_PER_1000_KM = 1000.0
 
 

@@ -1,115 +1,132 @@
 """How hard traffic would have to brake at worst: the tail of the deceleration that avoids a crash, extrapolated.
 
-Beyond a threshold the distribution of nearly any quantity is a generalised Pareto one. It is fitted to what lies in
-each class of the tally, and says which deceleration is needed once in 1000 km, which few drives show themselves.
-Drives are drawn anew for the intervals: frames of one approach are no independent observations.
+Beyond a high threshold the distribution of nearly any quantity is a generalised Pareto one. The threshold is the first
+border of a class beyond which at most a tenth of the field's approaches lie. The tail is fitted to what lies in each
+class, and says which deceleration is needed once in 1000 km, which few drives show themselves. Frames of one approach
+are no independent observations: the likelihood is divided by how much more exceedances scatter between drives than
+independent ones would.
 
-Source: peaks over threshold, Coles (2001), An Introduction to Statistical Modeling of Extreme Values, eqs. 4.4 and
-4.12; for conflicts in traffic, Songchitruksa & Tarko (2006), Accid. Anal. Prev. 38.
-Deviation: the likelihood is that of counts in classes, and shapes are kept within +-0.5, where means and variances of
-the tail exist and its end is not within the classes.
+Source: peaks over threshold and the profile likelihood of a return level, Coles (2001), An Introduction to Statistical
+Modeling of Extreme Values, eqs. 4.4, 4.12 and sec. 4.3.3; for conflicts in traffic, Songchitruksa & Tarko (2006),
+Accid. Anal. Prev. 38; the quasi-likelihood, McCullagh & Nelder (1989), Generalized Linear Models, sec. 4.5.
+Deviation: the likelihood is that of counts in classes, on a grid, and shapes are kept within +-0.5, where means and
+variances of the tail exist.
 """
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
-from scipy.optimize import minimize
-from scipy.stats import genpareto
+from scipy.stats import chi2
 
 from jaxcalib.calibration.result.result import rounded
 from jaxcalib.measures.safety import DRAC_BORDER_MPS2
 from jaxcalib.validation.observer import ObservedDrives
 
-THRESHOLD_MPS2 = 1.0  # harder than traffic brakes all the time, and common enough to fit a tail to
+MOST_BEYOND = 0.1  # share of the approaches that lie beyond the threshold: the tail begins at a high quantile
 PER_M = 1e-6  # once in 1000 km
 FEWEST_EXCEEDANCES = 20.0
-MOST_SHAPE = 0.5
-NUM_DRAWS = 100
-TOLERANCE = 1e-2  # of shape, logarithm of the scale and log-likelihood: far below their errors
+SHAPES = np.append(np.linspace(-0.5, -0.01, 50), np.linspace(0.01, 0.5, 50))  # 0 is a limit, and near either
+LEVELS_MPS2 = np.geomspace(0.02, 60.0, 500)  # above the threshold
+WITHIN = float(chi2.ppf(0.9, 1))  # of twice the log-likelihood, for an interval of 90 %
 ACTORS = ("subject", "background")
 
 
+@dataclass(frozen=True)
+class Tail:
+    """The tail of needed decelerations."""
+
+    level_mps2: float  # deceleration that is needed once in 1000 km; nan where too little was seen
+    interval_90_mps2: tuple[float, float]  # its 90 % interval
+    shape: float  # of the generalised Pareto distribution
+
+
+UNKNOWN = Tail(float("nan"), (float("nan"), float("nan")), float("nan"))
+
+
 def compare_tails(
-    tally_names: tuple[str, ...], field: ObservedDrives, rounds: ObservedDrives, random: np.random.Generator
+    tally_names: tuple[str, ...], field: ObservedDrives, rounds: ObservedDrives
 ) -> dict[str, dict[str, Any]]:
-    """Return the deceleration that is needed once in 1000 km, in the field and in rounds of simulated drives.
+    """Return the deceleration that is needed once in 1000 km, in the field and in simulated drives.
 
     Args:
         tally_names: names of the tallies.
         field: the field's drives, [drive].
         rounds: rounds of simulated ones, [round, drive].
-        random: of the draws.
 
     Returns:
-        By actor and then `field` or `simulated`: `exceedances` of the threshold, the tail's `shape` and the `level` in
-        m/s^2 with its `interval_90`; null where there are too few exceedances.
+        By actor and then `field` or `simulated`: `threshold_mps2`, its `exceedances`, the tail's `shape` and the
+        `level_mps2` with its `interval_90`; null where there are too few exceedances.
     """
     number = {name: index for index, name in enumerate(tally_names)}
     table = {}
     for actor in ACTORS:
         bins = [number[f"{actor}_drac_bin[{index}]"] for index in range(len(DRAC_BORDER_MPS2) - 1)]
-        places = [*bins, number[f"{actor}_distance_seen_m"]]
-        several = {"field": field.tally[:, places], "simulated": rounds.tally[..., places].reshape(-1, len(places))}
-        table[actor] = {name: _tail(tallies, random) for name, tallies in several.items()}
+        distance = number[f"{actor}_distance_seen_m"]
+        threshold = threshold_of(field.tally[:, bins].sum(axis=0))
+        table[actor] = {}
+        for name, tallies in (("field", field.tally), ("simulated", rounds.tally.reshape(-1, len(tally_names)))):
+            found = tail_of(tallies[:, bins], float(tallies[:, distance].sum()), threshold)
+            is_known = np.isfinite(found.level_mps2)
+            table[actor][name] = {
+                "threshold_mps2": threshold,
+                "exceedances": rounded(float(_beyond(tallies[:, bins], threshold).sum())),
+                "shape": rounded(found.shape),
+                "level_mps2": rounded(found.level_mps2),
+                "interval_90": [rounded(bound) for bound in found.interval_90_mps2] if is_known else None,
+            }
     return table
 
 
-def once_in_1000_km(counts: Float[np.ndarray, " bin"], distance_m: float) -> tuple[float, float]:
-    """Return the deceleration that is needed once in 1000 km, in m/s^2, and the tail's shape; nan for too few.
+def threshold_of(counts: Float[np.ndarray, " bin"]) -> float:
+    """Return the first border of a class beyond which at most a tenth of all lies, in m/s^2."""
+    beyond = np.append(counts[::-1].cumsum()[::-1], 0.0)
+    return float(DRAC_BORDER_MPS2[int(np.argmax(beyond <= MOST_BEYOND * counts.sum()))])
+
+
+def tail_of(counts: Float[np.ndarray, "drive bin"], distance_m: float, threshold: float) -> Tail:
+    """Return the tail beyond a threshold.
 
     Args:
-        counts: frames in each class of `DRAC_BORDER_MPS2`.
-        distance_m: distance over which they were counted.
+        counts: frames of each drive in each class of `DRAC_BORDER_MPS2`.
+        distance_m: distance over which they were counted, all drives together.
+        threshold: border of a class from which on the tail is fitted, in m/s^2.
     """
-    borders = np.asarray(DRAC_BORDER_MPS2)
-    is_beyond = borders[:-1] >= THRESHOLD_MPS2
-    beyond, edges = counts[is_beyond], borders[np.append(is_beyond, True)] - THRESHOLD_MPS2
+    beyond = _beyond(counts, threshold)
     total = beyond.sum()
     if total < FEWEST_EXCEEDANCES or not distance_m > 0.0:
-        return float("nan"), float("nan")
+        return UNKNOWN
+    rarer = PER_M * distance_m / total  # than an exceedance
+    edges = np.asarray([border for border in DRAC_BORDER_MPS2[:-1] if border >= threshold]) - threshold
+    shape, level = SHAPES[:, None], LEVELS_MPS2[None, :]
+    scale = level * shape / np.expm1(-shape * np.log(min(rarer, 0.5)))  # of the tail that has this level
+    survival = survival_of(edges[:, None, None], shape, scale)
+    shares = np.concatenate([survival[:-1] - survival[1:], survival[-1:]])
+    likelihood = np.tensordot(beyond.sum(axis=0), np.log(np.maximum(shares, 1e-300)), axes=1)
+    best_shape, best_level = np.unravel_index(int(np.argmax(likelihood)), likelihood.shape)
+    profile = 2.0 * (likelihood.max() - likelihood.max(axis=0)) / _dispersion(beyond.sum(axis=1))
+    inside = LEVELS_MPS2[profile <= WITHIN]
+    return Tail(
+        level_mps2=float(threshold + LEVELS_MPS2[best_level]),
+        interval_90_mps2=(float(threshold + inside[0]), float(threshold + inside[-1])),
+        shape=float(SHAPES[best_shape]),
+    )
 
-    def misfit(at: np.ndarray) -> float:
-        shape, log_scale = at
-        if abs(shape) > MOST_SHAPE:
-            return np.inf
-        shares = -np.diff(_survival(edges[:-1], shape, np.exp(log_scale)), append=0.0)
-        return -float(beyond @ np.log(np.maximum(shares, 1e-300)))
 
-    mean = float(beyond @ (0.5 * (edges[:-1] + np.append(edges[1:-1], edges[-2] + 1.0))) / total)
-    fit = minimize(misfit, np.asarray([0.0, np.log(mean)]), method="Nelder-Mead",
-                   options={"xatol": TOLERANCE, "fatol": TOLERANCE})  # fmt: skip
-    shape, scale = float(fit.x[0]), float(np.exp(fit.x[1]))
-    rarer = PER_M / (total / distance_m)  # than an exceedance
-    level = THRESHOLD_MPS2 + float(genpareto.isf(min(rarer, 1.0), shape, scale=scale))
-    return level, shape
-
-
-def _survival(excess: Float[np.ndarray, " edge"], shape: float, scale: float) -> Float[np.ndarray, " edge"]:
-    """Share of a generalised Pareto distribution that lies above each excess; scipy's takes fifty times as long."""
-    if abs(shape) < 1e-6:
-        return np.exp(-excess / scale)
+def survival_of(
+    excess: Float[np.ndarray, "*#size"], shape: Float[np.ndarray, "*#size"], scale: Float[np.ndarray, "*#size"]
+) -> Float[np.ndarray, "*size"]:
+    """Share of a generalised Pareto distribution that lies above an excess; the shape must not be 0."""
     return np.maximum(1.0 + shape * excess / scale, 0.0) ** (-1.0 / shape)
 
 
-def _tail(tallies: Float[np.ndarray, "drive part"], random: np.random.Generator) -> dict[str, Any]:
-    total = tallies.sum(axis=0)
-    level, shape = once_in_1000_km(total[:-1], float(total[-1]))
-    entry: dict[str, Any] = {
-        "exceedances": rounded(_exceedances(total[:-1])),
-        "shape": rounded(shape),
-        "level_mps2": rounded(level),
-        "interval_90": None,
-    }
-    if not np.isfinite(level) or len(tallies) < 2:
-        return entry
-    drawn = (tallies[random.integers(len(tallies), size=len(tallies))].sum(axis=0) for _ in range(NUM_DRAWS))
-    levels = np.asarray([once_in_1000_km(each[:-1], float(each[-1]))[0] for each in drawn])
-    known = levels[np.isfinite(levels)]
-    if len(known) > NUM_DRAWS // 2:
-        entry["interval_90"] = [rounded(float(np.quantile(known, share))) for share in (0.05, 0.95)]
-    return entry
+def _beyond(counts: Float[np.ndarray, "drive bin"], threshold: float) -> Float[np.ndarray, "drive class"]:
+    return counts[:, np.asarray(DRAC_BORDER_MPS2)[:-1] >= threshold]
 
 
-def _exceedances(counts: Float[np.ndarray, " bin"]) -> float:
-    return float(counts[np.asarray(DRAC_BORDER_MPS2)[:-1] >= THRESHOLD_MPS2].sum())
+def _dispersion(exceedances: Float[np.ndarray, " drive"]) -> float:
+    """Variance of exceedances between drives over that of independent ones, at least 1."""
+    if len(exceedances) < 2:
+        return 1.0
+    return max(float(exceedances.var(ddof=1) / exceedances.mean()), 1.0)

@@ -177,7 +177,7 @@ def _validate(
         errors=errors,
         equivalence=equivalence,
         encounters=compare_encounters(problem.tally_names, field, simulated),
-        tails=compare_tails(problem.tally_names, field, simulated, np.random.default_rng(1)),
+        tails=compare_tails(problem.tally_names, field, simulated),
         volumes=_seen_volumes(problem, measures),
         counts=[_volume_entry(volume) for volume in count_volumes(counted, simulated_counts)] if counted else [],
         health=health_of(outcomes),
