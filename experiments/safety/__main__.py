@@ -85,8 +85,8 @@ def summary_of(rows: Sequence[Row]) -> list[str]:
         np.abs(np.asarray([row[name] for row in rows], float)) for name in ("calibrated / true - 1", "true again - 1")
     )
     return [
-        f"median relative difference of {len(rows)} measures from the truth: {np.median(found):.1%} (15 % asked); of the "
-        f"truth from itself on other seeds {np.median(by_chance):.1%}",
+        f"median relative difference of {len(rows)} measures from the truth: {np.median(found):.1%} (15 % asked); of "
+        f"the truth from itself on other seeds {np.median(by_chance):.1%}",
         f"measures with fewer than {FEWEST_OBSERVATIONS:.0f} observations in the true runs are left out",
     ]
 

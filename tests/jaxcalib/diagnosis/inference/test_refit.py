@@ -229,12 +229,14 @@ def test_what_leaves_too_much_though_it_was_fitted_again_is_not_named():
     poor, good = replace(found, misfit=1.1 * MOST_LEFT * 40.0), replace(found, misfit=0.9 * MOST_LEFT * 40.0)
 
     assert without_poor_fits(both, {"memory": good}, 40.0) is both
-    other = without_poor_fits(both, {"memory": poor, "keep_right": good}, 40.0)
-    assert (other.kind, other.effects) == ("effect", ("keep_right",))
-    assert other.probability == {"memory": 0.0, "keep_right": 0.3, "grade": 0.05, "unknown": 0.65, "none": 0.0}
+    other = without_poor_fits(both, {"memory": good, "keep_right": poor}, 40.0)
+    assert (other.kind, other.effects) == ("effect", ("memory",))
+    assert other.probability == {"memory": 0.6, "keep_right": 0.0, "grade": 0.05, "unknown": 0.35, "none": 0.0}
+    # what is left of a set need not be likely
+    assert without_poor_fits(both, {"memory": poor, "keep_right": good}, 40.0).kind == "unknown"
     nothing = without_poor_fits(replace(both, kind="effect", effects=("memory",)), {"memory": poor}, 40.0)
     assert (nothing.kind, nothing.effects) == ("unknown", ())
-    assert "memory, leaves 3.9 times" in nothing.reason
+    assert "memory, leaves 4.4 times" in nothing.reason
     assert max(nothing.probability, key=nothing.probability.__getitem__) == "unknown"
 
 
