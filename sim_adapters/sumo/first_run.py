@@ -8,6 +8,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TypedDict
 
 from sim_adapters.errors import ScenarioError
 from sim_adapters.interface import ParameterLayout
@@ -17,6 +18,17 @@ from sim_adapters.sumo.question import refusal, start_worker
 
 AS_IT_IS = ParameterLayout(input_ids=(), input_flows=(), vtypes=(), attributes=())
 SPARE_S = 60.0  # for starting, loading and ending, however busy the machine is
+
+
+class Said(TypedDict):
+    """What the worker says; see `FirstRun`."""
+
+    reached_s: float
+    is_whole: bool
+    entered_s: float | None
+    arrived_s: float | None
+    edge: str
+    waiting: list[str]  # ids of the vehicles
 
 
 @dataclass(frozen=True)
@@ -55,7 +67,7 @@ def start_first_run(
         "end_s": end_s,
         "longest_s": longest_s,
     }
-    wait = start_worker("sim_adapters.sumo.first_run_worker", question, longest_s + SPARE_S)
+    wait = start_worker("sim_adapters.sumo.first_run_worker", question, longest_s + SPARE_S, Said)
 
     def finish() -> FirstRun:
         with folder:
@@ -64,7 +76,10 @@ def start_first_run(
             raise ScenarioError(scenario.configuration.file, f"SUMO ends a run of the scenario: {refusal(lines)}")
         edge_of = {flow.id: flow.route[0] for flow in scenario.demand.flows}
         edge_of |= {vehicle.id: vehicle.route[0] for vehicle in scenario.demand.vehicles}
-        edges = (edge_of.get(name) or edge_of.get(name.rpartition(".")[0]) for name in said.pop("waiting"))
-        return FirstRun(**said, waiting=Counter(edge for edge in edges if edge is not None))
+        edges = (edge_of.get(name) or edge_of.get(name.rpartition(".")[0]) for name in said["waiting"])
+        waiting = Counter(edge for edge in edges if edge is not None)
+        return FirstRun(
+            said["reached_s"], said["is_whole"], said["entered_s"], said["arrived_s"], said["edge"], waiting
+        )
 
     return finish

@@ -3,6 +3,7 @@
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TypedDict
 
 from sim_adapters.errors import ScenarioError
 from sim_adapters.scenario.configuration import SumoConfiguration
@@ -12,6 +13,13 @@ from sim_adapters.scenario.scenario_files import copy_without_outputs
 from sim_adapters.sumo.question import MOST_LINES, refusal, start_worker
 
 LONGEST_LOADING_S = 300.0
+
+
+class Loaded(TypedDict):
+    """What the worker says."""
+
+    vtypes: dict[str, dict[str, float]]  # attributes by vType
+    ways: list[list[str]]  # edges of each trip without
 
 
 def load_in_sumo(configuration: SumoConfiguration) -> LoadedScenario:
@@ -33,7 +41,7 @@ def load_in_sumo(configuration: SumoConfiguration) -> LoadedScenario:
             "arguments": _arguments(configuration, additional, routes),
             "trips": [[*trip[:2], list(trip[2]), trip[3]] for trip in trips_without_edges(files)],
         }
-        said, lines = start_worker("sim_adapters.sumo.loading_worker", question, LONGEST_LOADING_S)()
+        said, lines = start_worker("sim_adapters.sumo.loading_worker", question, LONGEST_LOADING_S, Loaded)()
     if said is None:
         raise ScenarioError(configuration.file, f"SUMO refuses the scenario: {refusal(lines)}")
     warnings = tuple(dict.fromkeys(line for line in lines if line.startswith("Warning: ")))

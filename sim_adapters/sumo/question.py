@@ -6,8 +6,11 @@ import re
 import subprocess
 import sys
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, TypeVar
 
+import msgspec
+
+Said = TypeVar("Said")
 ANSWER = "jaxcalib answer: "
 MOST_LINES = 20
 EXCEPTION = re.compile(r"TraCI(?:Exception|Error): (.+)")  # of libsumo, with SUMO's words
@@ -22,39 +25,49 @@ HINTS = {
     "network error": "Mend the network: netedit, or netconvert -s OLD.net.xml -o NEW.net.xml.",
 }
 
-Answer = tuple[dict[str, Any] | None, list[str]]
 
-
-def start_worker(module: str, question: dict[str, Any], longest_s: float) -> Callable[[], Answer]:
+def start_worker(
+    module: str, question: dict[str, Any], longest_s: float, form: type[Said]
+) -> Callable[[], tuple[Said | None, list[str]]]:
     """Start a worker's process.
 
     Args:
         module: the worker, which reads the question on standard input and prints `ANSWER` with JSON as its last line.
         question: what to ask.
         longest_s: when it is killed.
+        form: type of the answer.
 
     Returns:
-        What waits for the answer, None where the process ended without one, and for all lines that it printed.
+        What waits for the answer, None where the process ended without one of that form, and for all lines that it
+        printed.
     """
     process = subprocess.Popen(
         [sys.executable, "-m", module], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-        text=True, env=os.environ | {"LIBSUMO_AS_TRACI": "quiet"},
+        encoding="utf-8", errors="replace", env=os.environ | {"LIBSUMO_AS_TRACI": "quiet"},
     )  # fmt: skip
     assert process.stdin is not None
     process.stdin.write(json.dumps(question))
     process.stdin.close()
     process.stdin = None
 
-    def wait() -> Answer:
+    def wait() -> tuple[Said | None, list[str]]:
         try:
             out, errors = process.communicate(timeout=longest_s)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.communicate()
+            return None, [f"it came to no end within {longest_s:g} s"]
         except BaseException:
             process.kill()
             process.communicate()
             raise
         lines = [line.strip() for line in (errors + out).splitlines()]
         answers = [line.removeprefix(ANSWER) for line in lines if line.startswith(ANSWER)]
-        return (json.loads(answers[-1]) if answers else None), lines or [f"its process ended with {process.returncode}"]
+        try:
+            said = msgspec.convert(json.loads(answers[-1]), form) if answers else None
+        except (ValueError, msgspec.ValidationError):  # its process was cut off, or something else writes there
+            said, lines = None, ["its process gave no answer that can be read"]
+        return said, lines or [f"its process ended with {process.returncode}"]
 
     return wait
 

@@ -4,6 +4,7 @@ import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypedDict
 
 from sim_adapters.errors import ScenarioError
 from sim_adapters.interface import ParameterLayout
@@ -22,6 +23,12 @@ class VehicleKind:
     width_m: float
     height_m: float
     vehicle_class: str  # SUMO's
+
+
+class Recorded(TypedDict):
+    """What the worker says."""
+
+    vehicles: dict[str, tuple[float, float, float, str]]  # `VehicleKind` by id
 
 
 def record_trajectories(
@@ -62,7 +69,7 @@ def record_trajectories(
             "--no-step-log", "true", "--duration-log.disable", "true",
         ]  # fmt: skip
         question = {"arguments": arguments, "end_s": end_s, "subject": subject_vehicle}
-        said, lines = start_worker("sim_adapters.sumo.trajectories_worker", question, longest_s)()
+        said, lines = start_worker("sim_adapters.sumo.trajectories_worker", question, longest_s, Recorded)()
     if said is None or not file.is_file():
         raise ScenarioError(scenario.configuration.file, f"SUMO ends a run of the scenario: {refusal(lines)}")
     return {name: VehicleKind(*kind) for name, kind in said["vehicles"].items()}
