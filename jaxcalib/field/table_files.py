@@ -31,7 +31,8 @@ Kind = Literal["number", "text"]
 class SizeLimit:
     """What a file may grow to in memory, so that a small compressed file cannot take all of it."""
 
-    unpacked_bytes: int = 2 * 1024**3  # most bytes after unpacking
+    # most bytes after unpacking: as numbers a text takes four to five times as much for a while
+    unpacked_bytes: int = 512 * 1024**2
     ratio: int = 200  # most bytes after unpacking per byte in the file
     # the ratio counts from this size on: short tables with constant columns pack very well
     ratio_from_bytes: int = 32 * 1024**2
@@ -236,6 +237,9 @@ def _read_batches(file: Path, columns: list[str], texts: list[str], limit: SizeL
     """Read a file piece by piece; texts stay dictionaries, for those may be large once and small in memory."""
     batches, unpacked_bytes, packed_bytes = [], 0, file.stat().st_size
     with pyarrow.parquet.ParquetFile(file, read_dictionary=texts) as parquet:
+        # what is said of numbers is enough to refuse a file by; nothing is read for it
+        numbers_bytes = parquet.metadata.num_rows * np.dtype(float).itemsize * (len(columns) - len(texts))
+        _check_size(file, packed_bytes, numbers_bytes, limit)
         for batch in parquet.iter_batches(batch_size=1 << 16, columns=columns, use_threads=False):
             unpacked_bytes += batch.nbytes
             _check_size(file, packed_bytes, unpacked_bytes, limit)

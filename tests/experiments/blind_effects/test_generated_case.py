@@ -13,9 +13,13 @@ from experiments.blind_effects.plan import CasePlan
 from experiments.roads.road import ROADS
 from jaxcalib.problem.problem import read_problem
 
+REASON = "one generated case of twenty seconds is enough for a commit"
+
 
 @pytest.mark.long
-@pytest.mark.parametrize(("road", "drives"), [("two_lane", 3), ("drawn-5", 3)])
+@pytest.mark.parametrize(
+    ("road", "drives"), [("two_lane", 3), pytest.param("drawn-5", 3, marks=pytest.mark.nightly(REASON))]
+)
 def test_the_program_reads_a_generated_case(road: str, drives: int, tmp_path: Path):
     plan = CasePlan("0badcafe", road, "single", (("sensor_noise", "medium"),), "IDM", 31)
     with ProcessPoolExecutor(2, mp_context=multiprocessing.get_context("spawn")) as pool:

@@ -9,7 +9,9 @@ from jaxcalib.problem.problem import read_problem
 from tests.places import CORRIDOR
 
 
-@pytest.mark.long
+@pytest.mark.nightly(
+    "SUMO and the surrogate from one state, step by step, take half a minute; contracts compare both at commits"
+)
 def test_steps_from_the_same_state_are_alike() -> None:
     steps = compare_steps(read_problem(CORRIDOR), 90.0, 92.0, 3, 2.0)
     assert len(steps) > 1_000

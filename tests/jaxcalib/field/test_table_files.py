@@ -167,6 +167,15 @@ def test_texts_may_be_stored_as_numbers_or_views(tmp_path: Path, ids: pa.Array):
     assert [float(words[i]) for i in index] == [7.0, 8.0]
 
 
+def test_a_parquet_bomb_is_refused_before_it_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    num_rows = 1_000_000
+    content = pa.table({"time_s": np.zeros(num_rows), "id": ["a"] * num_rows, "x_m": np.zeros(num_rows)})
+    pyarrow.parquet.write_table(content, tmp_path / "t.parquet")
+    monkeypatch.setattr(pyarrow.parquet.ParquetFile, "iter_batches", lambda *_, **__: pytest.fail("it is read"))
+    expected = "t.parquet: expected at most 10000000 bytes after unpacking."
+    assert message(tmp_path / "t.parquet", SizeLimit(unpacked_bytes=10_000_000)) == expected
+
+
 def test_refuses_long_texts_in_parquet(tmp_path: Path):
     pyarrow.parquet.write_table(pa.table({"time_s": [1.0], "id": ["a" * 2000], "x_m": [1.0]}), tmp_path / "t.parquet")
     assert message(tmp_path / "t.parquet") == "t.parquet: column id: expected texts of at most 1000 bytes, got 2000."

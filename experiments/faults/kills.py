@@ -1,0 +1,70 @@
+"""A command's whole process group is killed at random moments; the same command goes on, as often as it is killed.
+
+In the end the result is that of an undisturbed run, but for times, and no row of a table is lost or there twice.
+"""
+
+import time
+from collections.abc import Iterator, Sequence
+
+from experiments.faults.attack import Attack, Ground, Trial, in_one_line
+from experiments.faults.commands import POLL_S, Started, processes_of_group
+from experiments.faults.said import fault_of_ended
+from experiments.faults.small_commands import COMMANDS, difference, reference_of
+
+KILLED = ("sweep in SUMO", "calibrate", "sweep", "diagnose")  # in turn
+EACH = 20  # trials of each
+MOST_KILLS = 3
+LONGEST_S = 3600.0
+LATEST = 0.95  # of the time that an undisturbed run takes
+END_S = 5.0  # within which all processes of a killed group are gone
+
+
+def trials(ground: Ground, numbers: Sequence[int]) -> Iterator[Trial]:
+    """Make the trials of these numbers."""
+    for number in numbers:
+        name = KILLED[number % len(KILLED)]
+        reference, command = reference_of(ground, name), COMMANDS[name]
+        chance, out = ground.chance(number), ground.fresh(f"{number:05d}") / "run"
+        words = command.words(ground.case, out)
+        wrong, killed_s, began_s = "", [], time.monotonic()
+        for _ in range(int(chance.integers(1, MOST_KILLS + 1))):
+            started = Started(words)
+            moment_s = float(chance.uniform(0.0, LATEST * reference.wall_s))
+            while started.poll() is None and started.elapsed_s < moment_s:
+                time.sleep(POLL_S)
+            if (ended := started.poll()) is not None:
+                wrong = fault_of_ended(ended)
+                break  # it ended before the moment
+            started.kill()
+            killed_s.append(moment_s)
+            wrong = wrong or _left_alive(started.process)
+        last = Started(words).wait(LONGEST_S)
+        wrong = wrong or fault_of_ended(last)
+        if not wrong and last.code:
+            wrong = f"does not go on: {last.last_words}"
+        if not wrong:
+            wrong = difference(command.result(out), reference.result)
+        if not wrong and (doubled := command.num_doubled(out)):
+            wrong = f"{doubled} rows are there twice"
+        when = ", ".join(f"{moment_s:.1f}" for moment_s in killed_s)
+        title = f"{name}, killed at {when} s" if killed_s else f"{name}, ended before it was to be killed"
+        ending = "failed" if wrong else "passed" if killed_s else "not run"
+        wall_s = time.monotonic() - began_s
+        yield Trial(number, title, ending, in_one_line(wrong or "result equal"), wall_s, last.peak_mb)
+
+
+def _left_alive(group: int) -> str:
+    """Return what is wrong where processes outlive a kill of their group."""
+    until_s = time.monotonic() + END_S
+    while alive := processes_of_group(group):
+        if time.monotonic() > until_s:
+            return f"{len(alive)} processes are left"
+        time.sleep(POLL_S)
+    return ""
+
+
+ATTACK = Attack(
+    asks="kill -9 at random moments of calibrate, diagnose, sweep, the same command again: result equal, no row lost",
+    usual=EACH * len(KILLED),
+    trials=trials,
+)
