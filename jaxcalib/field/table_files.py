@@ -38,6 +38,9 @@ class SizeLimit:
     ratio_from_bytes: int = 32 * 1024**2
 
 
+OF_RECORDINGS = SizeLimit(unpacked_bytes=2 * 1024**3)  # of whole roads and hours, which a user brings in once
+
+
 @dataclass(frozen=True)
 class ColumnTable:
     """The wanted columns of a file."""

@@ -13,7 +13,7 @@ from jaxcalib.case.log_form import TABLE_1, LogForm
 from jaxcalib.case.log_units import log_form_of
 from jaxcalib.errors import CaseError, quote
 from jaxcalib.field.log_columns import our_names, read_log_columns
-from jaxcalib.field.table_files import ColumnTable, Kind
+from jaxcalib.field.table_files import OF_RECORDINGS, ColumnTable, Kind
 from jaxcalib.importers.data_frame import Frame
 from jaxcalib.importers.importer import Imported, ImportOptions
 from jaxcalib.importers.planes import plane_of
@@ -47,7 +47,7 @@ def read_recording(source: Path, options: ImportOptions) -> Imported:
     kinds |= {name: "number" for name in OPTIONAL if name in names}
     place = _place(source, names)
     kinds |= {name: "text" if name == "edge" else "number" for name in place}
-    columns = read_log_columns(source, kinds, form.objects)
+    columns = read_log_columns(source, kinds, form.objects, limit=OF_RECORDINGS)
     table = _table(columns)
     said = [f"{source.name}: {len(table)} rows of {table['vehicle'].nunique()} vehicles; places by {', '.join(place)}."]
     table, crs, is_straight = _placed(source, table, columns, place, form, options)

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from jaxcalib.errors import CaseError, quote
-from jaxcalib.field.table_files import read_columns, row_place
+from jaxcalib.field.table_files import OF_RECORDINGS, read_columns, row_place
 
 STEP_S = 0.1
 COLUMNS = ("time_s", "v_lead_mps", "v_foll_mps", "gap_m")
@@ -55,7 +55,7 @@ def read_pairs(file: Path, drops_bad: bool = False) -> tuple[list[RecordedPair],
     Raises:
         CaseError: the table or a pair in it is wrong; one line says what.
     """
-    table = read_columns(file, {"pair_id": "text", **dict.fromkeys(COLUMNS, "number")})
+    table = read_columns(file, {"pair_id": "text", **dict.fromkeys(COLUMNS, "number")}, OF_RECORDINGS)
     index, words = table.texts["pair_id"]
     pairs, dropped = [], []
     for word in range(len(words)):
