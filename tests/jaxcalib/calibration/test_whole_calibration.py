@@ -142,6 +142,9 @@ def test_a_run_that_was_killed_gives_the_result_it_would_have_given(
     assert again == {key: value for key, value in result.items() if key not in TIMES}
 
 
+@pytest.mark.nightly(
+    "twenty seconds; at commits a worker is killed under single runs, validations and sweeps on a cluster"
+)
 def test_runs_that_a_cluster_makes_give_the_same_result(
     case: Path, out: Path, result: dict, tmp_path: Path, address: str, workers: list[subprocess.Popen[bytes]]
 ):
