@@ -112,11 +112,11 @@ def pytest_report_collectionfinish(items: list[pytest.Item]) -> list[str]:
 
 @pytest.fixture(scope="session")
 def small_case() -> Path:
-    """A case of one kilometre, see `tests.small_case`; the workers share it, so whoever alters it copies it first."""
+    """A case of one kilometre, see `experiments.small_case`; workers share it, so whoever alters it copies it first."""
     folder = Path(os.environ[FOLDER])
     with FileLock(folder / "small.lock"):
         if not (folder / "small").is_dir():
-            command = [sys.executable, "-m", "tests.small_case", str(folder / "being made" / "small")]
+            command = [sys.executable, "-m", "experiments.small_case", str(folder / "being made" / "small")]
             subprocess.run(command, cwd=ROOT, env=os.environ | {"PYTHONPATH": str(ROOT)}, check=True)
             (folder / "being made" / "small").rename(folder / "small")
     return folder / "small"

@@ -15,6 +15,7 @@ from filelock import FileLock
 Ending = Literal["passed", "failed", "not run"]
 LONGEST_SHOWN = 400
 LONGEST_CASE_S = 300.0
+NUM_DRIVES = 4  # of the case that is attacked: few, for commands are run by the hundred
 
 
 @dataclass(frozen=True)
@@ -43,7 +44,7 @@ class Ground:
         with FileLock(self.case_folder.with_name(f".{self.case_folder.name}.lock")):
             if not self.case_folder.is_dir():
                 draft = self.case_folder.with_name(f".{self.case_folder.name}.draft")
-                command = [sys.executable, "-m", "experiments.faults.attacked_case", str(draft)]
+                command = [sys.executable, "-m", "experiments.small_case", str(draft), str(NUM_DRIVES)]
                 subprocess.run(command, env=environment(), check=True, timeout=LONGEST_CASE_S)
                 draft.rename(self.case_folder)
         return self.case_folder

@@ -6,20 +6,22 @@ from typing import Annotated, Literal
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
+from jaxcalib.cli.options import Budget, CalibratedRun, CaseFolder, Cluster, Profile, Quiet, Seed
+
 
 def calibrate(
-    case: Path,
+    case: CaseFolder,
     /,
     *,
     out: Path,
-    seed: Annotated[int, Parameter(validator=Number(gte=0, lte=2000))] = 0,
-    budget: Annotated[float, Parameter(validator=Number(gte=0.05, lte=100.0))] = 1.0,
+    seed: Seed = 0,
+    budget: Budget = 1.0,
     resume: Annotated[bool, Parameter(negative="")] = False,
     settings: Path | None = None,
     engine: Literal["auto", "surrogate", "sumo"] = "auto",
-    cluster: str | None = None,
-    profile: Annotated[bool, Parameter(negative="")] = False,
-    quiet: Annotated[bool, Parameter(negative="")] = False,
+    cluster: Cluster = None,
+    profile: Profile = False,
+    quiet: Quiet = False,
 ) -> int:
     """Calibrate demand and driver behaviour of a case.
 
@@ -27,26 +29,14 @@ def calibrate(
 
     Parameters
     ----------
-    case
-        Folder with case.toml, the SUMO scenario and the logs.
     out
         Folder for the results; it must be empty or not there yet.
-    seed
-        Seed of all random numbers; the same seed gives the same result.
-    budget
-        Factor on the numbers of simulation runs: 0.5 is quick, 2 is thorough.
     resume
         Go on with a calibration that was stopped.
     settings
         TOML file with further options (docs/settings.md).
     engine
         Simulator that makes the search's runs: the surrogate where it can follow the scenario (auto), or SUMO alone.
-    cluster
-        Address of a dask scheduler whose workers make SUMO's runs (docs/cluster.md).
-    profile
-        Say at the end where the time went, by kind of work, and keep it in the result.
-    quiet
-        Say nothing but errors.
     """
     from jaxcalib.calibration.pipeline import calibrate as run
     from jaxcalib.cli.guarded import guarded
@@ -68,16 +58,16 @@ def calibrate(
 
 
 def diagnose(
-    case: Path,
+    case: CaseFolder,
     /,
     *,
     out: Path,
-    seed: Annotated[int, Parameter(validator=Number(gte=0, lte=2000))] = 0,
-    budget: Annotated[float, Parameter(validator=Number(gte=0.05, lte=100.0))] = 1.0,
+    seed: Seed = 0,
+    budget: Budget = 1.0,
     resume: Annotated[bool, Parameter(negative="")] = False,
-    cluster: str | None = None,
-    profile: Annotated[bool, Parameter(negative="")] = False,
-    quiet: Annotated[bool, Parameter(negative="")] = False,
+    cluster: Cluster = None,
+    profile: Profile = False,
+    quiet: Quiet = False,
 ) -> int:
     """Tell where simulation and road differ, which missing effect causes it, and how far adding it closes the gap.
 
@@ -85,22 +75,10 @@ def diagnose(
 
     Parameters
     ----------
-    case
-        Folder with case.toml, the SUMO scenario and the logs.
     out
         Folder for the results; it must be empty or not there yet.
-    seed
-        Seed of all random numbers; the same seed gives the same result.
-    budget
-        Factor on the numbers of simulation runs: 0.5 is quick, 2 is thorough.
     resume
         Go on with a diagnosis that was stopped.
-    cluster
-        Address of a dask scheduler whose workers make SUMO's runs (docs/cluster.md).
-    profile
-        Say at the end where the time went, by kind of work, and keep it in the result.
-    quiet
-        Say nothing but errors.
     """
     from jaxcalib.cli.diagnosis_summary import summary
     from jaxcalib.cli.guarded import guarded
@@ -120,8 +98,8 @@ def diagnose(
 
 
 def validate(
-    case: Path,
-    run: Path,
+    case: CaseFolder,
+    run: CalibratedRun,
     /,
     *,
     out: Path | None = None,
@@ -130,9 +108,9 @@ def validate(
     counts: Path | None = None,
     margins: Path | None = None,
     resume: Annotated[bool, Parameter(negative="")] = False,
-    cluster: str | None = None,
-    profile: Annotated[bool, Parameter(negative="")] = False,
-    quiet: Annotated[bool, Parameter(negative="")] = False,
+    cluster: Cluster = None,
+    profile: Profile = False,
+    quiet: Quiet = False,
 ) -> int:
     """Judge a calibrated result by the field, in SUMO alone: every criterion with its standard, pass or fail.
 
@@ -140,10 +118,6 @@ def validate(
 
     Parameters
     ----------
-    case
-        Folder with case.toml, the SUMO scenario and the logs.
-    run
-        Folder that `jaxcalib calibrate` has left.
     out
         Folder for the results; RUN/validation unless given.
     seeds
@@ -156,12 +130,6 @@ def validate(
         TOML file with margins within which quantities count as the same (docs/validate.md).
     resume
         Go on with a validation that was stopped.
-    cluster
-        Address of a dask scheduler whose workers make SUMO's runs (docs/cluster.md).
-    profile
-        Say at the end where the time went, by kind of work, and keep it in the result.
-    quiet
-        Say nothing but errors.
     """
     from jaxcalib.cli.validate_command import ValidateOptions, run_validation
 
@@ -171,7 +139,7 @@ def validate(
 
 
 def sweep(
-    case: Path | None = None,
+    case: CaseFolder | None = None,
     /,
     *,
     out: Path,
@@ -185,8 +153,8 @@ def sweep(
     merge: Annotated[bool, Parameter(negative="")] = False,
     cluster: str | None = None,
     resume: Annotated[bool, Parameter(negative="")] = False,
-    profile: Annotated[bool, Parameter(negative="")] = False,
-    quiet: Annotated[bool, Parameter(negative="")] = False,
+    profile: Profile = False,
+    quiet: Quiet = False,
 ) -> int:
     """Run many parameter sets on several seeds each, and keep every run as a row of a table.
 
@@ -194,8 +162,6 @@ def sweep(
 
     Parameters
     ----------
-    case
-        Folder with case.toml, the SUMO scenario and the logs.
     out
         The table to write; its name ends in .parquet.
     design
@@ -218,10 +184,6 @@ def sweep(
         Address of a dask scheduler whose workers make the runs (docs/cluster.md).
     resume
         Insist on a sweep that was begun.
-    profile
-        Say at the end where the time went, by kind of work, and keep it in the result.
-    quiet
-        Say nothing but errors.
     """
     from jaxcalib.cli.sweep_command import SweepOptions, run_sweep
 

@@ -6,17 +6,19 @@ from typing import Annotated, Literal
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
+from jaxcalib.cli.options import CalibratedRun, CaseFolder, Quiet
+
 
 def dossier(
-    case: Path,
-    run: Path,
+    case: CaseFolder,
+    run: CalibratedRun,
     /,
     *,
     out: Path | None = None,
     validation: Path | None = None,
     diagnosis: Path | None = None,
     statement: Path | None = None,
-    quiet: Annotated[bool, Parameter(negative="")] = False,
+    quiet: Quiet = False,
 ) -> int:
     """Write what an assessor asks of simulated traffic into one document: evidence by heading, and what is missing.
 
@@ -24,10 +26,6 @@ def dossier(
 
     Parameters
     ----------
-    case
-        Folder with case.toml, the SUMO scenario and the logs.
-    run
-        Folder that `jaxcalib calibrate` has left.
     out
         Folder for the document; RUN/dossier unless given.
     validation
@@ -36,8 +34,6 @@ def dossier(
         Folder that `jaxcalib diagnose` has left; RUN/diagnosis, if there is one, unless given.
     statement
         TOML file in which people say what the simulation is for (docs/dossier.md).
-    quiet
-        Say nothing but errors.
     """
     from jaxcalib.cli.dossier_command import run_dossier
 
@@ -45,8 +41,8 @@ def dossier(
 
 
 def export(
-    case: Path,
-    run: Path,
+    case: CaseFolder,
+    run: CalibratedRun,
     /,
     *,
     out: Path,
@@ -55,16 +51,12 @@ def export(
     seed: Annotated[int, Parameter(validator=Number(gte=0, lte=2_000_000_000))] = 0,
     range_m: Annotated[float | None, Parameter(validator=Number(gt=0))] = None,
     free_subject: Annotated[bool, Parameter(negative="")] = False,
-    quiet: Annotated[bool, Parameter(negative="")] = False,
+    quiet: Quiet = False,
 ) -> int:
     """Run the calibrated traffic in SUMO while the subject vehicle drives, and write it for another simulator.
 
     Parameters
     ----------
-    case
-        Folder with case.toml, the SUMO scenario and the logs.
-    run
-        Folder that `jaxcalib calibrate` has left.
     out
         Folder for the files.
     to
@@ -78,8 +70,6 @@ def export(
         Of openscenario: other vehicles are there while they are so near to the subject vehicle; all unless given.
     free_subject
         Of openscenario: the subject vehicle, Ego, has no trajectory, for the vehicle under test drives it.
-    quiet
-        Say nothing but errors.
     """
     from jaxcalib.cli.export_command import run_export
 

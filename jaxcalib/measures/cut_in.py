@@ -25,10 +25,7 @@ class CutIn(Fold):
     def count(self, scene: Scene) -> dict[str, Array]:
         """A scene's part of the tallies."""
         frame = scene.frame
-        subject_stays = scene.at_subject((scene.is_tracked & ~scene.changes_lane).astype(jnp.float32)) > 0
-        nobody = jnp.zeros((1,), bool)
-        is_subject_leader = jnp.concatenate([(scene.is_subject & scene.has_leader)[1:], nobody])
-        cuts_in = is_subject_leader & scene.changes_lane & subject_stays
+        cuts_in = scene.cuts_in
         gap = jnp.where(cuts_in, frame.object_offset_m - scene.settings.nominal_length_m, 0.0)
         slower = jnp.where(cuts_in, frame.subject_speed_mps - frame.object_speed_mps, 0.0)
         return {

@@ -39,14 +39,9 @@ class Encounters(Fold):
 
     def count(self, scene: Scene) -> dict[str, Array]:
         """A scene's part of the tallies."""
-        speed = jnp.maximum(scene.frame.object_speed_mps, scene.settings.least_speed_mps)
-        time_gap = jnp.where(scene.has_leader, scene.gap_m, jnp.inf) / speed
-        gap_ahead = jnp.sum(jnp.where(scene.is_subject & scene.has_leader, time_gap, 0.0))
-        shows_leader = jnp.any(scene.is_subject & scene.has_leader)
-        gap_ahead = jnp.where(shows_leader, gap_ahead, jnp.inf)
-        leader_offset = jnp.where(
-            shows_leader, scene.at_subject(jnp.where(scene.has_leader, scene.spacing_m, 0.0)), jnp.inf
-        )
+        time_gap = scene.time_gap_s
+        gap_ahead = _of_subject(scene, time_gap)
+        leader_offset = _of_subject(scene, scene.spacing_m)
         leader_leaves = jnp.any(leaves_ahead(scene) & (scene.frame.object_offset_m < leader_offset))
         stays = scene.is_subject & scene.is_tracked & ~scene.changes_lane
         is_follower = jnp.concatenate([jnp.zeros((1,), bool), stays[:-1]]) & scene.has_leader
@@ -55,11 +50,17 @@ class Encounters(Fold):
         # braking that becomes harder goes over to the next severity; when it is over, it stays where it is
         goes_over = jnp.where(jnp.any(worst > 0.0), worst - before, 0.0)
         return {
-            **_by_gap("cut_in", scene.meets_cut_in, gap_ahead),
+            **_by_gap("cut_in", jnp.any(scene.cuts_in), gap_ahead),
             **_by_gap("cut_out", leader_leaves, gap_ahead),
             **_by_gap("joining_follower", jnp.any(joins), jnp.sum(jnp.where(joins, time_gap, 0.0))),
             **{encounter_tally("braking_leader", severity): goes_over[k] for k, severity in enumerate(SEVERITIES)},
         }
+
+
+def _of_subject(scene: Scene, values: Float[Array, " object"]) -> Float[Array, ""]:
+    """The value at the subject vehicle; inf where it has no leader."""
+    leads_on = scene.is_subject & scene.has_leader
+    return jnp.where(jnp.any(leads_on), jnp.sum(jnp.where(leads_on, values, 0.0)), jnp.inf)
 
 
 def _by_gap(kind: str, meets: Bool[Array, ""], gap_s: Float[Array, ""]) -> dict[str, Array]:

@@ -65,9 +65,8 @@ class AfterCutIn(Fold):
 
 def post_encroachment_s(scene: Scene) -> Float[Array, " object"]:
     """Time between leader and vehicle at its place, or vehicle and follower, the lesser one; inf with neither."""
-    speed, least = scene.frame.object_speed_mps, scene.settings.least_speed_mps
-    behind_leader = jnp.where(scene.has_leader, scene.gap_m, jnp.inf) / jnp.maximum(speed, least)
-    nobody = jnp.full((1,), jnp.inf, speed.dtype)
+    behind_leader = scene.time_gap_s
+    nobody = jnp.full((1,), jnp.inf, behind_leader.dtype)
     before_follower = jnp.where(scene.has_follower, jnp.concatenate([behind_leader[1:], nobody]), jnp.inf)
     return jnp.maximum(jnp.minimum(behind_leader, before_follower), 0.0)
 

@@ -120,7 +120,7 @@ def _of_leader(values: Float[Array, " object"]) -> Float[Array, " object"]:
 
 def _at_cut_in(scene: Scene, gap_m: Float[Array, " object"], drac: Float[Array, " object"]) -> dict[str, Array]:
     """What the subject vehicle has left when a vehicle has cut in, while it stays in its lane itself."""
-    meets = scene.is_subject & scene.meets_cut_in
+    meets = scene.is_subject & jnp.any(scene.cuts_in)
     speed = jnp.maximum(scene.frame.object_speed_mps, scene.settings.least_speed_mps)
     return {
         "cut_in_time_gap_s": jnp.sum(jnp.where(meets, gap_m / speed, 0.0)),

@@ -74,7 +74,7 @@ class Scene(eqx.Module):
     target_gap_m: Float[Array, " object"]
     seen_target_gap_m: Float[Array, " object"]  # as much of that space as is within range
     acceleration_mps2: Float[Array, " object"]  # change of speed since the frame before; 0 if it was not seen then
-    meets_cut_in: Bool[Array, ""]  # whether a vehicle has become the subject vehicle's leader, which stays in its lane
+    cuts_in: Bool[Array, " object"]  # whether it has become the subject vehicle's leader, while that stays in its lane
     since_cut_in_s: Float[Array, ""]  # time since that happened last, before this frame; inf if it did not
     leader_braking_mps2: Float[Array, ""]  # hardest deceleration of its leader since that brakes; 0 if it does not
     leader_braked_mps2: Float[Array, ""]  # the same up to the frame before
@@ -90,6 +90,12 @@ class Scene(eqx.Module):
     def gap_m(self) -> Float[Array, " object"]:
         """Leader's rear bumper less own front bumper."""
         return self.spacing_m - self.settings.nominal_length_m
+
+    @property
+    def time_gap_s(self) -> Float[Array, " object"]:
+        """Gap over own speed, or over the least speed; inf without leader."""
+        speed = jnp.maximum(self.frame.object_speed_mps, self.settings.least_speed_mps)
+        return jnp.where(self.has_leader, self.gap_m, jnp.inf) / speed
 
     def at_subject(self, values: Array) -> Array:
         """Return the value at the subject vehicle."""
@@ -160,7 +166,8 @@ def look(frame: PerceptionFrame, memory: Memory, previous_s: Float[Array, ""], s
     stays = is_seen_subject & ~changes
     leader_brakes = jnp.concatenate([edge, -acceleration[:-1]])
     brakes = jnp.sum(jnp.where(stays & has_leader, leader_brakes, 0.0))
-    leader_is_new = jnp.concatenate([nobody, changes[:-1]]) & has_leader
+    leads_subject = jnp.concatenate([(stays & has_leader)[1:], nobody])
+    cuts_in = leads_subject & changes
     return Scene(
         frame=frame,
         settings=settings,
@@ -188,7 +195,7 @@ def look(frame: PerceptionFrame, memory: Memory, previous_s: Float[Array, ""], s
         target_gap_m=jnp.where(has_leader & has_follower, seen_target_gap, jnp.inf),
         seen_target_gap_m=seen_target_gap,
         acceleration_mps2=acceleration,
-        meets_cut_in=jnp.any(stays & leader_is_new),
+        cuts_in=cuts_in,
         since_cut_in_s=frame.time_s - memory.cut_in_s,
         leader_braking_mps2=jnp.where(
             brakes >= LEADER_BRAKES_MPS2, jnp.maximum(brakes, memory.leader_braked_mps2), 0.0
@@ -214,7 +221,7 @@ def remember(memory: Memory, scene: Scene) -> Memory:
         is_following=note(memory.is_following, scene.is_following),
         off_centre_since_s=note(memory.off_centre_since_s, scene.off_centre_since_s),
         crossed=note(memory.crossed, scene.crossed),
-        cut_in_s=jnp.where(scene.meets_cut_in, frame.time_s, memory.cut_in_s),
+        cut_in_s=jnp.where(jnp.any(scene.cuts_in), frame.time_s, memory.cut_in_s),
         subject_acceleration_mps2=scene.at_subject(scene.acceleration_mps2),
         knows_acceleration=scene.at_subject(scene.is_tracked.astype(jnp.float32)),
         leader_braked_mps2=scene.leader_braking_mps2,

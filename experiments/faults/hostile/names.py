@@ -17,7 +17,7 @@ def _in_xml(text: str) -> str:
 
 def case_name(name: str) -> Hostile:
     """Return what gives the case another name."""
-    return lambda place: replace(place.toml, 'name = "attacked"', f'name = "{name}"')
+    return lambda place: replace(place.toml, 'name = "small"', f'name = "{name}"')
 
 
 def drive_id(name: str) -> Hostile:

@@ -12,10 +12,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from experiments.small_case import TRUTH
 from jaxcalib.problem.problem import CalibrationProblem, read_problem
 from jaxcalib.validation.calibrated_run import read_calibrated_run
 from sim_adapters.scenario.scenario import read_scenario
-from tests.small_case import TRUTH
 
 BUDGET, LONGEST_S = "0.05", 900.0
 LORRY_TAU_S = 1.4  # in the scenario, whose cars have 1.1 s; in the field everybody has the same

@@ -13,9 +13,9 @@ from pathlib import Path
 
 import pytest
 
+from experiments.small_case import TRUE_INPUTS_VEHPH, TRUTH
 from jaxcalib.calibration.objective.accuracy import TRAFFIC_LEVEL, VEHICLE_LEVEL
 from tests.places import CORRIDOR
-from tests.small_case import TRUE_INPUTS_VEHPH, TRUTH
 
 BUDGET = "0.05"
 SEARCH_PARTS = slice(4, 8)  # of the journal of a whole run: some of the search in the surrogate

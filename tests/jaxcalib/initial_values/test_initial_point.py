@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from experiments.roads.road import BELIEVED_DRIVER
+from experiments.small_case import RAMP, TRUE_INPUTS_VEHPH, TRUTH
 from jaxcalib.initial_values.demand_profile import (
     BENT_SHARE,
     COMMON_TRUST,
@@ -18,7 +19,6 @@ from jaxcalib.initial_values.demand_profile import (
 from jaxcalib.initial_values.driver_values import is_believed, steps_between_moments
 from jaxcalib.initial_values.initial_point import InitialPoint, find_initial_point, without_driver_logs
 from jaxcalib.problem.problem import CalibrationProblem
-from tests.small_case import RAMP, TRUE_INPUTS_VEHPH, TRUTH
 
 DRIVER = BELIEVED_DRIVER | {name: str(value) for name, value in TRUTH.items()}
 
