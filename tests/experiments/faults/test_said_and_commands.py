@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from experiments.faults.commands import Started, processes_of_group, run_command
+from experiments.faults.commands import Started, peak_mb_of, processes_of_group, run_command
 from experiments.faults.said import LONGEST_LINE, fault_of
 
 LINE = "jaxcalib: case.toml: name: expected text."
@@ -47,11 +47,23 @@ def test_a_line_has_to_name_a_file_of_the_case():
     assert fault_of(2, "jaxcalib: averylongna...: x", files=["averylongname.xml"]) == ""
 
 
-def test_a_command_s_words_code_and_memory():
-    code = "import sys; x = bytearray(150 << 20); print('out'); print('err', file=sys.stderr); sys.exit(3)"
-    ended = run_command(code, program=("-c",), longest_s=SHORT_S)
+def test_a_command_s_words_code_and_memory(tmp_path: Path):
+    """It keeps its memory until that was looked at: what is looked at now and then misses a last moment."""
+    is_seen = tmp_path / "seen"
+    code = (
+        "import pathlib, sys, time; x = bytearray(150 << 20)\n"
+        f"while not pathlib.Path({str(is_seen)!r}).exists(): time.sleep(0.01)\n"
+        "print('out'); print('err', file=sys.stderr); sys.exit(3)"
+    )
+    started = Started([code], program=("-c",))
+    while peak_mb_of(started.process) < 150.0:
+        assert started.elapsed_s < SHORT_S
+        time.sleep(0.01)
+    assert started.poll() is None
+    is_seen.touch()
+    ended = started.wait(SHORT_S)
     assert (ended.code, ended.out, ended.err) == (3, "out\n", "err\n")
-    assert 150.0 < ended.peak_mb < 400.0
+    assert 150.0 <= ended.peak_mb < 400.0
     assert ended.last_words == "err"
 
 
