@@ -19,7 +19,6 @@ from jaxcalib.diagnosis.features.noise import NullModel
 from jaxcalib.diagnosis.inference.atlas import parameter_trials
 from jaxcalib.diagnosis.inference.investigation import NotTestableError, Prepared, prepare
 from jaxcalib.diagnosis.inference.ledger import parameter_shift
-from jaxcalib.diagnosis.inference.overdispersion import misfit_by_chance
 from jaxcalib.diagnosis.runs.explained_runs import LEAST_VALUE_SHARE
 from jaxcalib.diagnosis.runs.finished_parts import FinishedParts
 from jaxcalib.diagnosis.runs.null_runs import NullRuns
@@ -82,10 +81,10 @@ class Baseline:
         """By how much all features would move the parameters, in steps."""
         return parameter_shift(self.difference, self.fitted.null)
 
-    @cached_property
+    @property
     def by_chance(self) -> float:
-        """Squared misfit that as many drives leave in the median where nothing is missing."""
-        return misfit_by_chance(self.runs.plain, self.fitted.null, len(self.fitted.tallies))
+        """Squared misfit that as many drives leave in the mean where nothing is missing: 1 for each feature."""
+        return float(len(self.fitted.null.cells))
 
     @property
     def misfit(self) -> float:

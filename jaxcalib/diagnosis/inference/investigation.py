@@ -7,6 +7,7 @@ import numpy as np
 
 from jaxcalib.diagnosis.features.features import DriveTallies
 from jaxcalib.diagnosis.features.noise import NullModel, null_model, observed_cells, on_cells
+from jaxcalib.diagnosis.features.noise_scale import with_measured_noise
 from jaxcalib.diagnosis.features.signature import Signature
 from jaxcalib.diagnosis.inference.atlas import (
     EffectTrial,
@@ -76,18 +77,18 @@ def prepare(
         raise NotTestableError(f"{len(cells)} features are observed often enough; {FEWEST_FEATURES} are needed")
     seen = on_cells(drives, cells)
     slopes = slopes_of(problem.layout, trials, cells)
-    null = null_model(
-        cells,
-        seen.below.sum(axis=0),
-        runs.plain,
-        slopes.slope,
-        slopes.error,
-        prior_steps,
-        slopes.influence,
-        len(drives),
-    )
+    plain, below = on_cells(runs.plain, cells), seen.below.sum(axis=0)
+
+    def null_of(some: DriveTallies) -> NullModel:
+        return null_model(cells, below, some, slopes.slope, slopes.error, prior_steps, slopes.influence, len(drives))
+
+    null = with_measured_noise(null_of(plain), plain, len(drives), null_of, _misfit_by_noise)
     disagrees = disagreement(trials[BASELINE], runs.plain, null)
     return Prepared(seen, null, null.standardised(seen.values()), slopes, disagrees)
+
+
+def _misfit_by_noise(difference: np.ndarray, null: NullModel) -> float:
+    return log_density(squeezed(difference, knees_of(null.cells)), null.noise)[1]
 
 
 def all_signatures(

@@ -12,20 +12,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from jaxcalib.diagnosis.features.features import DriveTallies
-from jaxcalib.diagnosis.features.noise import NullModel
-from jaxcalib.diagnosis.inference.marginal_likelihood import Explained, knees_of, log_density, squeezed
-from jaxcalib.diagnosis.inference.shrinkage import differences_by_chance
+from jaxcalib.diagnosis.inference.marginal_likelihood import Explained
 
 # What a right explanation leaves at best: its noise is known from the same runs, which makes them look alike.
 LEAST_TEMPERATURE = 2.0
-
-
-def misfit_by_chance(simulated: DriveTallies, null: NullModel, num_drives: int) -> float:
-    """Return the squared misfit that so many drives leave in the median where nothing is missing."""
-    sets = differences_by_chance(simulated, null, num_drives, np.random.default_rng(0))
-    knees = knees_of(null.cells)
-    return float(np.median([log_density(squeezed(each, knees), null.covariance)[1] for each in sets]))
 
 
 def temperature_at(misfit: float, by_chance: float) -> float:
