@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from experiments.paper.crash_free import first_crash_free_draw
 from experiments.paper.drive_writer import write_drives
 from jaxcalib.case.case import Drive
 from jaxcalib.case.case_file import FILE_NAME
@@ -22,7 +23,7 @@ TRUTH_SEED = 2015
 NEAREST, FARTHEST = 0.2, 0.35
 FIELD_SEED = 2_100_000_000  # of the first drive of the first simulated pattern; calibrations use seeds below it
 SEEDS_PER_PATTERN = 10_000
-PATTERN_FILE = "pattern.json"
+PATTERN_FILE, DRIVERS_FILE = "pattern.json", "drivers.json"
 HELD_OUT_FACTOR = 6  # of the case's own, in a simulated field
 
 
@@ -45,22 +46,35 @@ DEMANDS = (
 )
 
 
-def true_values(problem: CalibrationProblem, demand: Demand) -> np.ndarray:
+def true_values(problem: CalibrationProblem, demand: Demand, draw: int = 0) -> np.ndarray:
     """Return the parameter values of a simulated pattern: the same drivers in all of them.
 
     The drivers are drawn once, each parameter 20 to 35 % of its range away from the scenario's, up or down where the
-    range allows both; the seed is fixed, so that every user's are the same.
+    range allows both; the seed is fixed, so that every user's are the same. `draw` is that of `drawn_drivers`.
     """
     base = round_values(problem.template.base_values())
     num_inputs = problem.layout.num_inputs
     space = parameter_space(problem.layout, problem.model, base[:num_inputs], 0.5, {})
-    unit, random = space.unit_of(base), np.random.default_rng(TRUTH_SEED)
+    unit, random = space.unit_of(base), np.random.default_rng((TRUTH_SEED, draw))
     away = random.choice((-1.0, 1.0), len(base)) * random.uniform(NEAREST, FARTHEST, len(base))
     is_outside = np.abs(unit + away - 0.5) > 0.5
     values = space.values_of(np.clip(unit + np.where(is_outside, -away, away), 0.0, 1.0))
     factor = demand.total * np.where(np.arange(num_inputs) > 0, demand.ramps, 1.0)
     values[:num_inputs] = base[:num_inputs] * factor
     return round_values(values)
+
+
+def drawn_drivers(problem: CalibrationProblem, folder: Path) -> int:
+    """Return the number of the first draw whose drivers do not crash in any simulated pattern; a file keeps it."""
+    file = folder / DRIVERS_FILE
+    if not file.is_file():
+        simulated = sorted(DEMANDS[OWN_FIELD:], key=lambda demand: -demand.total)  # most crashes come with most traffic
+        draw = first_crash_free_draw(
+            problem, lambda number: (true_values(problem, demand, number) for demand in simulated)
+        )
+        folder.mkdir(parents=True, exist_ok=True)
+        write_atomically(file, lambda stream: stream.write(f'{{"draw": {draw}}}\n'.encode()))
+    return int(json.loads(file.read_text(encoding="utf-8"))["draw"])
 
 
 def prepare_pattern(problem: CalibrationProblem, number: int, folder: Path) -> Path:
@@ -80,7 +94,7 @@ def prepare_pattern(problem: CalibrationProblem, number: int, folder: Path) -> P
         return to
     shutil.rmtree(to, ignore_errors=True)  # begun, and stopped before its end
     shutil.copytree(problem.case.folder, to)
-    values = true_values(problem, DEMANDS[number - 1])
+    values = true_values(problem, DEMANDS[number - 1], drawn_drivers(problem, folder))
     problem = _with_more_held_out(problem, to / FILE_NAME)
     write_drives(problem, values.tolist(), FIELD_SEED + SEEDS_PER_PATTERN * number, to)
     about = {

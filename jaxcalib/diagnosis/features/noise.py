@@ -150,13 +150,13 @@ def heavy_tail(influence: np.ndarray, more: np.ndarray | None, num_drives: int) 
 
 def shrunk_correlation(influence: np.ndarray, spread: np.ndarray, more: np.ndarray | None) -> np.ndarray:
     """Return correlations of features between drives, from SUMO's runs and the many more of the surrogate."""
-    own = LedoitWolf(assume_centered=True).fit(influence / np.maximum(spread, 1e-12)).covariance_
+    own = LedoitWolf(assume_centered=True, store_precision=False).fit(influence / np.maximum(spread, 1e-12)).covariance_
     mixed = np.array(own)
     if more is not None and len(more) > 30:
         other_spread = more.std(axis=0, ddof=1)
         known = other_spread > 0
         scaled = np.where(known, more / np.where(known, other_spread, 1.0), 0.0)
-        other = LedoitWolf(assume_centered=True).fit(scaled).covariance_
+        other = LedoitWolf(assume_centered=True, store_precision=False).fit(scaled).covariance_
         both = np.outer(known, known)
         weight = len(more) / (len(more) + 3.0 * len(influence))
         mixed = np.where(both, (1.0 - weight) * own + weight * other, own * (1.0 - 0.5 * weight))

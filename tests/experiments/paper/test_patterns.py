@@ -10,7 +10,7 @@ import pytest
 
 from experiments.paper import patterns
 from experiments.paper.drive_writer import write_drives
-from experiments.paper.patterns import DEMANDS, HELD_OUT_FACTOR, prepare_pattern, true_values
+from experiments.paper.patterns import DEMANDS, HELD_OUT_FACTOR, drawn_drivers, prepare_pattern, true_values
 from jaxcalib.case.case import read_case
 from jaxcalib.errors import CaseError
 from jaxcalib.problem.engines import sumo_engine
@@ -57,6 +57,7 @@ def test_a_pattern_that_was_begun_is_made_anew_and_one_that_is_there_is_kept(
                 (folder / file.relative_to(problem.case.folder)).touch()
 
     monkeypatch.setattr(patterns, "write_drives", write)
+    monkeypatch.setattr(patterns, "first_crash_free_draw", lambda problem, values_of: 3)
     (tmp_path / "pattern-2").mkdir()
     folder = prepare_pattern(problem, 2, tmp_path)
     assert (folder / "case.toml").is_file()
@@ -68,6 +69,8 @@ def test_a_pattern_that_was_begun_is_made_anew_and_one_that_is_there_is_kept(
     assert sorted(one.depart_s for one in again) == sorted(HELD_OUT_FACTOR * [one.depart_s for one in held_out])
     assert len({file for one in again for file in (one.subject_file, one.objects_file)}) == 2 * len(again)
     assert about["parameters"]["main"] == pytest.approx(0.7 * problem.template.base_values()[0])
+    assert list(about["parameters"].values()) == true_values(problem, DEMANDS[1], 3).tolist()
+    assert drawn_drivers(problem, tmp_path) == 3
 
 
 @pytest.mark.long
