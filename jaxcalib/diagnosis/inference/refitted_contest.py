@@ -22,14 +22,14 @@ def contenders(
     """Return the effects that a verdict names, best first, as far as they have signatures; the best one for unknown.
 
     A signature that only the surrogate tells may be wrong by more, and so bends to more. Where such effects alone are
-    named, the best one that SUMO has shown is fitted again with them. Two effects that are both there are not fitted
-    again one by one.
+    named, the best one that SUMO has shown is fitted again with them. Of two effects that are both there the likelier
+    one is: whether it needs the other shows then.
     """
     effects = [each for each in effects_above_none(explained) if each.name in signatures]
     if verdict.kind == "unknown":
         return effects[:1]
     if verdict.kind == "pair":
-        return []
+        return [each for each in effects if each.name in verdict.effects][:1]
     named = [each for each in effects if each.name in verdict.effects]
     shown = [each for each in effects if _is_shown_by_sumo(signatures[each.name])]
     return named if any(each in shown for each in named) else [*named, *shown[:1]]
@@ -68,6 +68,14 @@ def with_refits(explained: Sequence[Explained], refits: Mapping[str, Refit]) -> 
             )
         )
     return sorted(counted, key=lambda explanation: -explanation.log_evidence)
+
+
+def is_enough_alone(refits: Mapping[str, Refit], by_chance: float) -> bool:
+    """Whether one effect, fitted again, leaves no more than one that is right does, and so needs no second one.
+
+    Signatures of one effect are wrong in detail, and a second one mends that.
+    """
+    return any(refit.misfit <= MOST_LEFT * by_chance for refit in refits.values())
 
 
 def without_poor_fits(verdict: Verdict, refits: Mapping[str, Refit], by_chance: float) -> Verdict:

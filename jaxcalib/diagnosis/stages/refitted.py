@@ -1,12 +1,12 @@
 """The sixth stage: the best explanations fitted again around runs that contain them, and the last verdict."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from jaxcalib.diagnosis.inference.baseline import Baseline
 from jaxcalib.diagnosis.inference.marginal_likelihood import Explained
 from jaxcalib.diagnosis.inference.refit import MOST_SUMO_POINTS, OTHERS_SUMO_POINTS, Refit, most_misfit, refit
-from jaxcalib.diagnosis.inference.refitted_contest import contenders, with_refits, without_poor_fits
+from jaxcalib.diagnosis.inference.refitted_contest import contenders, is_enough_alone, with_refits, without_poor_fits
 from jaxcalib.diagnosis.inference.sumo_check import Checked
 from jaxcalib.diagnosis.inference.verdict import Verdict
 from jaxcalib.diagnosis.runs.explained_runs import ExplainedRunner
@@ -25,7 +25,9 @@ class Refitted:
 
     @property
     def named(self) -> Refit | None:
-        """The refit of the effect that is named first; None where there is none."""
+        """The refit of the effect that is named first; None where there is none, or two are there together."""
+        if self.verdict.kind == "pair":
+            return None
         return self.refits.get(self.verdict.effects[0]) if self.verdict.effects else None
 
 
@@ -43,10 +45,13 @@ def refit_best(
     with session.stopwatch.time("refit"):
         chosen = contenders(checked.explained, checked.signatures, judged.verdict)
         refits = _refits(baseline, checked, chosen, _runner(session, baseline, book))
-        explained = with_refits(checked.explained, refits)
-        verdict = judged.grounds.verdict_on(explained)
-        if not judged.grounds.is_sure_of_two:  # each of two leaves what the other does
-            verdict = without_poor_fits(verdict, refits, judged.grounds.by_chance)
+        grounds = judged.grounds
+        if grounds.is_sure_of_two and is_enough_alone(refits, grounds.by_chance):
+            grounds = replace(grounds, pairs=None)
+        explained = checked.explained if grounds.is_sure_of_two else with_refits(checked.explained, refits)
+        verdict = grounds.verdict_on(explained)
+        if not grounds.is_sure_of_two:  # each of two leaves what the other does
+            verdict = without_poor_fits(verdict, refits, grounds.by_chance)
         return Refitted(explained, verdict, refits)
 
 

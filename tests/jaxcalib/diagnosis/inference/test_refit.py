@@ -13,7 +13,13 @@ from jaxcalib.diagnosis.inference.investigation import Prepared
 from jaxcalib.diagnosis.inference.ledger import parameter_shift
 from jaxcalib.diagnosis.inference.marginal_likelihood import Explained, explain
 from jaxcalib.diagnosis.inference.refit import refit
-from jaxcalib.diagnosis.inference.refitted_contest import MOST_LEFT, contenders, with_refits, without_poor_fits
+from jaxcalib.diagnosis.inference.refitted_contest import (
+    MOST_LEFT,
+    contenders,
+    is_enough_alone,
+    with_refits,
+    without_poor_fits,
+)
 from jaxcalib.diagnosis.inference.sumo_check import CHECKED_EXACTNESS
 from jaxcalib.diagnosis.inference.verdict import Verdict
 from jaxcalib.diagnosis.runs.explained_runs import ExplainedRuns, moved_values
@@ -209,7 +215,7 @@ def test_refits_tell_apart_what_signatures_do_not():
     assert contenders(all_of_them, signatures | {"keep_right": [in_sumo]}, alone) == [wrong, far]
     shown = {"platooned_arrivals": [in_sumo], "keep_right": [in_sumo]}
     assert contenders(all_of_them, signatures | shown, alone) == [wrong]
-    assert contenders(all_of_them, signatures, Verdict("pair", ("memory", "keep_right"), {}, "")) == []
+    assert contenders(all_of_them, signatures, Verdict("pair", ("keep_right", "memory"), {}, "")) == [right]
 
     refits = {}
     for one, maker in zip(asked, (Made(bend=4.0), Made()), strict=True):
@@ -225,6 +231,16 @@ def test_refits_tell_apart_what_signatures_do_not():
     assert evidence["memory"] - evidence["platooned_arrivals"] == pytest.approx(behind)
     assert far in judged
     assert none in judged
+
+
+def test_one_effect_that_leaves_no_more_than_a_right_one_needs_no_second_one():
+    found = refit(drives(TRUE_STRENGTH), explain(drives(TRUE_STRENGTH).difference, NULL, [signature()], 0.5),
+                  [signature()], Made())  # fmt: skip
+    assert found is not None
+    poor, good = replace(found, misfit=1.1 * MOST_LEFT * 40.0), replace(found, misfit=0.9 * MOST_LEFT * 40.0)
+    assert is_enough_alone({"memory": good}, by_chance=40.0)
+    assert not is_enough_alone({"memory": poor}, by_chance=40.0)
+    assert not is_enough_alone({}, by_chance=40.0)
 
 
 def test_what_leaves_too_much_though_it_was_fitted_again_is_not_named():
