@@ -3,11 +3,10 @@
 Hundreds of features rest on some fifty runs. What keeps their covariance from being too narrow (errors of slopes,
 longest tails, floors of counts, a share of independence) is taken in each feature by itself, and together it is three
 to four times too wide: squared differences of sets of runs that were left out came to 0.2 to 0.45 of what it says in
-the median. With the noise scaled as here those of seven fields without effect, six came to 0.69 to 0.93 of
-what is expected and one to 1.41. Errors of slopes make the most of it.
+the median. With the noise scaled as here, six of seven fields without effect came to 0.69 to 0.93 of what is
+expected, and one to 1.41. Errors of slopes make the most of it.
 
-Source: the calibration of a predictive variance by data left out, Dawid (1984), J. R. Stat. Soc. A 147, 278-292,
-sec. 5.3; folds as in Stone (1974), J. R. Stat. Soc. B 36, 111-147.
+Source: folds as in Stone (1974), J. R. Stat. Soc. B 36, 111-147.
 """
 
 from collections.abc import Callable
