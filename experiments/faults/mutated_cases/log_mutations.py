@@ -54,19 +54,24 @@ def columns_exchanged(table: Frame, chance: np.random.Generator) -> tuple[Frame,
 def odd_numbers(table: Frame, chance: np.random.Generator) -> tuple[Frame, str]:
     """Put an odd number into cells."""
     name, value = _column(table, chance), float(chance.choice(ODD_NUMBERS))
-    rows = _rows(table, chance)
-    spoilt = table.copy()
-    spoilt[name] = spoilt[name].astype(object).where(~rows, value)
-    return spoilt, f"{value} in {int(rows.sum())} rows of {name}"
+    spoilt, where = _in_cells(table, name, object, value, chance)
+    return spoilt, f"{value} {where}"
 
 
 def odd_texts(table: Frame, chance: np.random.Generator) -> tuple[Frame, str]:
     """Put an odd text into cells."""
     name, value = _column(table, chance), str(chance.choice(ODD_TEXTS))
+    spoilt, where = _in_cells(table, name, str, value, chance)
+    return spoilt, f"{value[:20]!r} {where}"
+
+
+def _in_cells(
+    table: Frame, name: str, kind: type, value: float | str, chance: np.random.Generator
+) -> tuple[Frame, str]:
     rows = _rows(table, chance)
     spoilt = table.copy()
-    spoilt[name] = spoilt[name].astype(str).where(~rows, value)
-    return spoilt, f"{value[:20]!r} in {int(rows.sum())} rows of {name}"
+    spoilt[name] = spoilt[name].astype(kind).where(~rows, value)
+    return spoilt, f"in {int(rows.sum())} rows of {name}"
 
 
 def other_type(table: Frame, chance: np.random.Generator) -> tuple[Frame, str]:

@@ -7,7 +7,6 @@ import numpy as np
 
 from jaxcalib.diagnosis.features.features import DriveTallies
 from jaxcalib.diagnosis.features.noise import NullModel, null_model, observed_cells, on_cells
-from jaxcalib.diagnosis.features.noise_scale import with_measured_noise
 from jaxcalib.diagnosis.features.signature import Signature
 from jaxcalib.diagnosis.inference.atlas import (
     EffectTrial,
@@ -28,6 +27,7 @@ from jaxcalib.diagnosis.inference.marginal_likelihood import (
     log_density,
     squeezed,
 )
+from jaxcalib.diagnosis.inference.noise_scale import with_measured_noise
 from jaxcalib.diagnosis.inference.ramp_inflow import explain_ramps
 from jaxcalib.diagnosis.runs.null_runs import NullRuns
 from jaxcalib.diagnosis.runs.parameter_steps import parameter_steps
@@ -82,13 +82,9 @@ def prepare(
     def null_of(some: DriveTallies) -> NullModel:
         return null_model(cells, below, some, slopes.slope, slopes.error, prior_steps, slopes.influence, len(drives))
 
-    null = with_measured_noise(null_of(plain), plain, len(drives), null_of, _misfit_by_noise)
+    null = with_measured_noise(null_of(plain), plain, len(drives), null_of)
     disagrees = disagreement(trials[BASELINE], runs.plain, null)
     return Prepared(seen, null, null.standardised(seen.values()), slopes, disagrees)
-
-
-def _misfit_by_noise(difference: np.ndarray, null: NullModel) -> float:
-    return log_density(squeezed(difference, knees_of(null.cells)), null.noise)[1]
 
 
 def all_signatures(

@@ -48,7 +48,7 @@ def refit_best(
         grounds = judged.grounds
         if grounds.is_sure_of_two and is_enough_alone(refits, grounds.by_chance):
             grounds = replace(grounds, pairs=None)
-        explained = checked.explained if grounds.is_sure_of_two else with_refits(checked.explained, refits)
+        explained = with_refits(checked.explained, refits)
         verdict = grounds.verdict_on(explained)
         if not grounds.is_sure_of_two:  # each of two leaves what the other does
             verdict = without_poor_fits(verdict, refits, grounds.by_chance)

@@ -7,7 +7,7 @@ import pytest
 
 from jaxcalib.diagnosis.features.features import Cell, Channel, DriveTallies
 from jaxcalib.diagnosis.features.noise import NullModel, null_model
-from jaxcalib.diagnosis.features.noise_scale import FEWEST_GROUPS, with_measured_noise
+from jaxcalib.diagnosis.inference.noise_scale import FEWEST_GROUPS, with_measured_noise
 
 NUM_FEATURES, NUM_FIELD, NUM_PARAMETERS = 120, 8, 2
 CELLS = tuple(Cell(Channel.CLOSED_LOOP, f"measure_{k}", "everywhere") for k in range(NUM_FEATURES))
@@ -37,7 +37,7 @@ def by_noise(difference: np.ndarray, null: NullModel) -> float:
 
 
 def measured(plain: DriveTallies) -> NullModel:
-    return with_measured_noise(built(plain), plain, NUM_FIELD, built, by_noise)
+    return with_measured_noise(built(plain), plain, NUM_FIELD, built)
 
 
 def mean_square(null: NullModel) -> float:
@@ -60,7 +60,7 @@ def test_noise_that_is_too_narrow_becomes_wider():
         null = built(some)
         return replace(null, noise=0.1 * null.noise, covariance=null.covariance - 0.9 * null.noise)
 
-    told = with_measured_noise(narrow(plain), plain, NUM_FIELD, narrow, by_noise)
+    told = with_measured_noise(narrow(plain), plain, NUM_FIELD, narrow)
     assert mean_square(told) == pytest.approx(1.0, abs=0.2)
 
 
@@ -81,7 +81,7 @@ def test_drives_of_one_run_are_left_out_together():
         seen.append(set(some.run.tolist()))
         return built(some)
 
-    with_measured_noise(built(shared), shared, NUM_FIELD, noted, by_noise)
+    with_measured_noise(built(shared), shared, NUM_FIELD, noted)
     left_out = [set(range(16)) - each for each in seen]
     assert sorted(number for each in left_out for number in each) == list(range(16))
 
@@ -95,4 +95,4 @@ def test_features_that_some_runs_lack_count_as_agreeing():
 def test_with_hardly_any_run_nothing_can_be_left_out():
     few = drives(12, 4, np.repeat(np.arange(FEWEST_GROUPS - 1), 3))
     null = built(few)
-    assert with_measured_noise(null, few, NUM_FIELD, built, by_noise) is null
+    assert with_measured_noise(null, few, NUM_FIELD, built) is null

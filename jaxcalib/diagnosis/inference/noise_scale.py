@@ -16,19 +16,15 @@ import numpy as np
 
 from jaxcalib.diagnosis.features.features import DriveTallies
 from jaxcalib.diagnosis.features.noise import NullModel
+from jaxcalib.diagnosis.inference.marginal_likelihood import knees_of, log_density, squeezed
 
 NUM_FOLDS = 5
 SETS_PER_FOLD = 40
 FEWEST_GROUPS = 5  # runs, or groups of drives that share one: from fewer nothing can be left out
-Misfit = Callable[[np.ndarray, NullModel], float]  # of a difference in units of noise, by the noise alone
 
 
 def with_measured_noise(
-    null: NullModel,
-    plain: DriveTallies,
-    num_drives: int,
-    build: Callable[[DriveTallies], NullModel],
-    misfit: Misfit,
+    null: NullModel, plain: DriveTallies, num_drives: int, build: Callable[[DriveTallies], NullModel]
 ) -> NullModel:
     """Return a null model whose noise is as wide as runs show that it had no part of.
 
@@ -37,8 +33,6 @@ def with_measured_noise(
         plain: tallies of these runs, with the null model's features.
         num_drives: drives in the field.
         build: makes the null model of some of the runs.
-        misfit: squared difference of a set of drives by the noise; as large as the number of features in the mean
-            where the noise is right.
 
     Returns:
         The null model with its noise, but not what the parameters' shift adds to it, times one factor. The same one
@@ -53,29 +47,25 @@ def with_measured_noise(
     for fold in np.array_split(random.permutation(names), NUM_FOLDS):
         is_out = np.isin(groups, fold)
         rest, out = plain.take(~is_out), plain.take(is_out)
-        squares += _left_out(build(rest), rest.num_independent, out, num_drives, misfit, random)
+        squares += _left_out(build(rest), rest.num_independent, out, num_drives, random)
     scale = float(np.mean(squares)) / len(null.cells)
     return replace(null, noise=scale * null.noise, covariance=null.covariance + (scale - 1.0) * null.noise)
 
 
 def _left_out(
-    null: NullModel,
-    num_runs: float,
-    out: DriveTallies,
-    num_drives: int,
-    misfit: Misfit,
-    random: np.random.Generator,
+    null: NullModel, num_runs: float, out: DriveTallies, num_drives: int, random: np.random.Generator
 ) -> list[float]:
-    """Squared differences of sets of drives that were left out, scaled to sets as large as the field.
+    """Squared differences of sets of drives that were left out, by the noise, scaled to sets as large as the field.
 
-    `num_runs` independent runs made the null model. A set of all that were left out is drawn once.
+    In the mean each is as large as the number of features where the noise is right, as evidence judges it. `num_runs`
+    independent runs made the null model. A set of all that were left out is drawn once.
     """
     size = min(num_drives, len(out))
     scale = np.sqrt((1.0 / num_drives + 1.0 / num_runs) / (1.0 / size + 1.0 / num_runs))
-    squares = []
+    squares, knees = [], knees_of(null.cells)
     for _ in range(SETS_PER_FOLD if size < len(out) else 1):
         drawn = out.take(random.permutation(len(out))[:size])
         is_seen = (drawn.below.sum(axis=0) > 0) & np.isfinite(null.mean)
         difference = np.where(is_seen, null.standardised(drawn.values()), 0.0)
-        squares.append(misfit(scale * difference, null))
+        squares.append(log_density(squeezed(scale * difference, knees), null.noise)[1])
     return squares
