@@ -58,15 +58,20 @@ def judge_made_up_nulls(case: KeptCase, num_fields: int, seed: int = 0) -> Itera
 
 
 def made_up_baseline(session: DiagnosisSession, baseline: Baseline, random: np.random.Generator) -> Baseline:
-    """Return a baseline whose drives to fit are some of its null runs, which are taken out of these.
+    """Return a baseline whose drives to fit are of some of its null runs, which are taken out of these.
+
+    Each drive is of a run of its own, as drives on a road are; a third of the runs stays at least.
 
     Raises:
         NotTestableError: such drives show too little.
     """
     plain, altered = baseline.runs.plain, baseline.runs.altered
     first = max((len(tallies) for tallies in altered.values()), default=0)  # altered versions are theirs
-    chosen = np.sort(first + random.permutation(len(plain) - first)[: int(session.is_fit.sum())])
-    runs = NullRuns(plain.take(np.setdiff1d(np.arange(len(plain)), chosen)), altered)
+    groups = np.arange(len(plain)) if plain.run is None else plain.run
+    free = np.setdiff1d(groups, groups[:first])
+    names = random.permutation(free)[: min(int(session.is_fit.sum()), 2 * len(np.unique(groups)) // 3)]
+    chosen = np.asarray([random.choice(np.flatnonzero(groups == name)) for name in names])
+    runs = NullRuns(plain.take(~np.isin(groups, names)), altered)
     drawn = replace(plain.take(chosen), run=None)
     fitted = prepare(session.problem, drawn, runs, baseline.trials, baseline.prior_steps)
     return replace(baseline, runs=runs, fitted=fitted)

@@ -17,6 +17,7 @@ from jaxcalib.diagnosis.inference.atlas import (
     surrogate_signatures,
 )
 from jaxcalib.diagnosis.inference.ledger import parameter_shift, shift_covariance
+from jaxcalib.diagnosis.inference.left_out import LeftOut, left_out_sets, noise_factor, with_noise
 from jaxcalib.diagnosis.inference.marginal_likelihood import (
     Explained,
     explain,
@@ -27,7 +28,6 @@ from jaxcalib.diagnosis.inference.marginal_likelihood import (
     log_density,
     squeezed,
 )
-from jaxcalib.diagnosis.inference.noise_scale import with_measured_noise
 from jaxcalib.diagnosis.inference.ramp_inflow import explain_ramps
 from jaxcalib.diagnosis.runs.null_runs import NullRuns
 from jaxcalib.diagnosis.runs.parameter_steps import parameter_steps
@@ -51,6 +51,7 @@ class Prepared:
     difference: np.ndarray  # features of the drives less the simulation's, in units of noise
     slopes: Slopes  # change of features with the parameters, in their own units
     disagrees: np.ndarray  # by how much both simulators differ at equal values, in units of noise
+    left_out: Sequence[LeftOut] = ()  # sets of drives without effect, to hold the drives' evidence against
 
 
 def prepare(
@@ -82,9 +83,12 @@ def prepare(
     def null_of(some: DriveTallies) -> NullModel:
         return null_model(cells, below, some, slopes.slope, slopes.error, prior_steps, slopes.influence, len(drives))
 
-    null = with_measured_noise(null_of(plain), plain, len(drives), null_of)
+    left_out = left_out_sets(plain, len(drives), null_of)
+    factor = noise_factor(left_out)
+    null = with_noise(null_of(plain), factor)
+    left_out = tuple(replace(each, null=with_noise(each.null, factor)) for each in left_out)
     disagrees = disagreement(trials[BASELINE], runs.plain, null)
-    return Prepared(seen, null, null.standardised(seen.values()), slopes, disagrees)
+    return Prepared(seen, null, null.standardised(seen.values()), slopes, disagrees, left_out)
 
 
 def all_signatures(
@@ -113,6 +117,15 @@ def explanations(
     if ramps is not None:
         explained.append(ramps)
     return sorted(explained, key=lambda explanation: -explanation.log_evidence)
+
+
+def ramp_gains(
+    problem: CalibrationProblem, values: np.ndarray, prepared: Prepared, differences: np.ndarray
+) -> list[float]:
+    """Return the log evidence for a ramp's wrong inflow above the baseline's for each of some differences."""
+    ratios = [input_ratios(problem, values, replace(prepared, difference=each)) for each in differences]
+    explained = [explain_ramps(0.0, *each) for each in ratios]
+    return [-np.inf if each is None else each.log_evidence for each in explained]
 
 
 def input_ratios(
@@ -150,17 +163,6 @@ def gain_of(explanation: Explained, held_out: Prepared, fitted: Prepared) -> flo
     extra = np.diag((0.5 * shift) ** 2)
     after, _ = log_density(judged - shift, held_out.null.covariance + extra)
     return (after - before) / len(held_out.tallies)
-
-
-def moved(signature: Signature, of: Prepared, to: Prepared) -> Signature:
-    """Return a signature in the features and units of another null model."""
-    exactness = dict(zip(of.null.cells, np.broadcast_to(signature.exactness, len(of.null.cells)), strict=True))
-    return replace(
-        signature,
-        exactness=np.asarray([exactness.get(cell, 1.0) for cell in to.null.cells]),
-        shift=np.stack([transfer(row, of.null, to.null) for row in signature.shift]),
-        error=np.stack([transfer(row, of.null, to.null) for row in signature.error]),
-    )
 
 
 def transfer(shift: np.ndarray, of: NullModel, to: NullModel) -> np.ndarray:

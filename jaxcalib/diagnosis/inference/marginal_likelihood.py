@@ -15,6 +15,7 @@ sine, linear at 0 and logarithmic far from it: Johnson (1949), Biometrika 36, eq
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
@@ -78,10 +79,16 @@ def effects_above_none(explained: Sequence[Explained]) -> list[Explained]:
 
 def log_density(difference: np.ndarray, covariance: np.ndarray) -> tuple[float, float]:
     """Return the logarithm of a normal density around 0, and the squared whitened difference."""
+    (value,), (square,) = log_densities(difference[None], covariance)
+    return float(value), float(square)
+
+
+def log_densities(differences: np.ndarray, covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the same of several differences, [set, feature], which cost little more than one does."""
     factor = cho_factor(covariance, lower=True, check_finite=False)
-    square = float(difference @ cho_solve(factor, difference, check_finite=False))
+    squares = np.einsum("sf,fs->s", differences, cho_solve(factor, differences.T, check_finite=False))
     log_determinant = 2.0 * float(np.log(np.diag(factor[0])).sum())
-    return -0.5 * (square + log_determinant + len(difference) * np.log(2 * np.pi)), square
+    return -0.5 * (squares + log_determinant + len(covariance) * np.log(2 * np.pi)), squares
 
 
 def knees_of(cells: Sequence[Cell]) -> np.ndarray:
@@ -104,13 +111,61 @@ def explain_none(difference: np.ndarray, null: NullModel) -> Explained:
 
 def explain_unknown(difference: np.ndarray, null: NullModel, groups: Sequence[np.ndarray]) -> Explained:
     """Evidence of something that shifts features of one group, or of all, in no known pattern."""
-    values, squares, judged = [], [], squeezed(difference, knees_of(null.cells))
-    for group in groups:
-        for size in UNKNOWN_SIZES:
-            value, square = log_density(judged, null.covariance + np.diag(group * size**2))
-            values.append(value)
+    values, squares = unknown_likelihoods(squeezed(difference, knees_of(null.cells))[None], null, groups)
+    return Explained(UNKNOWN, float(mean_likelihood(values)[0]), best_misfit=float(squares.min()))
+
+
+def unknown_likelihoods(
+    judged: np.ndarray, null: NullModel, groups: Sequence[np.ndarray]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return log likelihood and squared misfit of something unknown of each kind and size, [kind, set].
+
+    `judged` are squeezed differences, [set, feature].
+    """
+    both = [
+        log_densities(judged, null.covariance + np.diag(group * size**2)) for group in groups for size in UNKNOWN_SIZES
+    ]
+    return np.stack([values for values, _ in both]), np.stack([squares for _, squares in both])
+
+
+def mean_likelihood(log_values: np.ndarray) -> np.ndarray:
+    """Return the logarithm of the mean over the first axis of what has these logarithms."""
+    return logsumexp(log_values, axis=0) - np.log(len(log_values))
+
+
+class Likelihoods(NamedTuple):
+    """An effect's log likelihoods at all its strengths and places."""
+
+    values: np.ndarray  # with the prior of each strength, [strength and place, set]
+    squares: np.ndarray  # squared misfits likewise
+    strengths: np.ndarray  # as they are told
+    numbers: Sequence[int]  # which signature each is of
+    shifts: np.ndarray  # what it would shift features by
+
+
+def effect_likelihoods(
+    judged: np.ndarray, null: NullModel, signatures: Sequence[Signature], medium: float
+) -> Likelihoods:
+    """Return an effect's likelihoods for sets of drives whose squeezed differences are `judged`, [set, feature]."""
+    knees = knees_of(null.cells)
+    values, squares, strengths, numbers, shifts = [], [], [], [], []
+    for number, signature in enumerate(signatures):
+        tried = strengths_of(signature, medium)
+        for strength in tried:
+            shift, uncertain = predicted(signature, strength, knees)
+            value, square = log_densities(judged - shift, null.covariance + uncertain)
+            values.append(value - np.log(len(tried)))
             squares.append(square)
-    return Explained(UNKNOWN, float(logsumexp(values) - np.log(len(values))), best_misfit=float(min(squares)))
+            strengths.append(told_strength(signature, strength))
+            numbers.append(number)
+            shifts.append(signature.at(strength)[0])
+    return Likelihoods(np.stack(values), np.stack(squares), np.asarray(strengths), numbers, np.stack(shifts))
+
+
+def effect_evidence(likelihoods: Likelihoods, num_places: int) -> np.ndarray:
+    """Return an effect's log evidence, [set]; `num_places` places were looked at, or those of its signatures."""
+    num_signatures = likelihoods.numbers[-1] + 1
+    return logsumexp(likelihoods.values, axis=0) - np.log(max(num_places, num_signatures))
 
 
 def explain(
@@ -125,36 +180,21 @@ def explain(
         medium: its medium strength, on whose scale strengths are equally likely.
         num_places: how many places and times were looked at to find the signatures' ones: looking costs.
     """
-    knees = knees_of(null.cells)
-    judged = squeezed(difference, knees)
-    values, squares, strengths, numbers = [], [], [], []
-    shifts = []
-    for number, signature in enumerate(signatures):
-        tried = strengths_of(signature, medium)
-        for strength in tried:
-            shift, uncertain = predicted(signature, strength, knees)
-            covariance = null.covariance + uncertain
-            value, square = log_density(judged - shift, covariance)
-            values.append(value - np.log(len(tried)))
-            squares.append(square)
-            strengths.append(told_strength(signature, strength))
-            numbers.append(number)
-            shifts.append(signature.at(strength)[0])
-    log_values = np.asarray(values)
+    judged = squeezed(difference, knees_of(null.cells))
+    likelihoods = effect_likelihoods(judged[None], null, signatures, medium)
+    log_values = likelihoods.values[:, 0]
     tempered = log_values / TEMPERATURE
     posterior = np.exp(tempered - np.logaddexp.reduce(tempered))
     best = int(np.argmax(log_values))
-    strength = np.asarray(strengths)
-    mean = float(posterior @ strength)
-    winner = signatures[numbers[best]]
+    winner = signatures[likelihoods.numbers[best]]
     return Explained(
         name=signatures[0].effect,
-        log_evidence=float(logsumexp(log_values) - np.log(max(num_places, len(signatures)))),
-        strength=mean,
-        interval=interval_90(strength, posterior, open_form(winner)),
+        log_evidence=float(effect_evidence(likelihoods, num_places)[0]),
+        strength=float(posterior @ likelihoods.strengths),
+        interval=interval_90(likelihoods.strengths, posterior, open_form(winner)),
         setting=winner.setting,
-        best_misfit=squares[best],
-        shift=posterior @ np.asarray(shifts),
+        best_misfit=float(likelihoods.squares[best, 0]),
+        shift=posterior @ likelihoods.shifts,
     )
 
 

@@ -13,7 +13,6 @@ PRIOR_NONE, PRIOR_UNKNOWN = 0.2, 0.1
 # Natural logarithm of the evidence ratio that an effect needs against the baseline: "very strong" for Kass & Raftery.
 # How often null runs reach it: docs/diagnosis.md.
 LEAST_EVIDENCE = 5.0
-LEAST_WITHOUT_ONE = 4.0  # the same without the drive that favours it most
 ALONE = 0.8  # no more than one in five effects named alone may be a wrong one
 IN_SET = 0.9
 LARGEST_SET = 3
@@ -46,7 +45,7 @@ def probabilities(explained: Sequence[Explained], least: float, temperature: flo
     is_none = np.asarray([name == NONE for name in names])
     prior_of, gain_of = prior[~is_none], gain[~is_none]
     something = np.log(prior_of) + gain_of
-    # whether there is something is judged untempered, but on what no single drive makes
+    # whether there is something is judged untempered, but on what neither a single drive makes nor chance
     total = float(np.logaddexp.reduce(something)) - max(float(gain_of.max()) - least, 0.0)
     share_of_none = 1.0 / (1.0 + np.exp(np.clip(total - np.log(PRIOR_NONE), -700, 700)))
     tempered = np.log(prior_of) + gain_of / temperature
@@ -70,7 +69,7 @@ def judge(
 
     Args:
         explained: all explanations.
-        least: gain of the best of them over the baseline that no single drive makes.
+        least: gain of the best of them over the baseline that neither a single drive makes nor chance.
         temperature: what evidence between explanations is divided by (see `overdispersion`).
         shift_errors: by how many of its errors the calibration moved the parameters away from the scenario's.
         few_drives: whether there are too few drives to name one effect: the next likely one is named with it.
@@ -82,7 +81,7 @@ def judge(
         (explanation for explanation in explained if explanation.name != NONE),
         key=lambda explanation: -probability[explanation.name],
     )
-    if best_gain(explained) < LEAST_EVIDENCE or least < LEAST_WITHOUT_ONE:
+    if min(least, best_gain(explained)) < LEAST_EVIDENCE:
         if shift_errors > MISCALIBRATED_ERRORS:
             return Verdict("miscalibrated", (), probability, "The scenario's values differ from the road's; with "
                            "calibrated values nothing is left that noise does not explain.")  # fmt: skip

@@ -21,7 +21,6 @@ from jaxcalib.diagnosis.inference.marginal_likelihood import (
     strengths_of,
     uncertainty,
 )
-from jaxcalib.diagnosis.inference.verdict import LEAST_EVIDENCE
 from surrogate.effects.registry import effect_named
 
 POWER = 0.8  # an effect is visible if so many of such fields would show it
@@ -49,8 +48,12 @@ def atlas_of(
     null: NullModel,
     num_drives: int,
     num_places: Mapping[str, int],
+    needed_gain: float,
 ) -> dict[str, AtlasEntry]:
-    """Return the atlas; of local effects and rhythms the strongest signature speaks for the rest."""
+    """Return the atlas; of local effects and rhythms the strongest signature speaks for the rest.
+
+    `needed_gain` is the log evidence that an effect has to have above the baseline's.
+    """
     precision, raw = np.linalg.inv(null.covariance), np.linalg.inv(null.noise)
     by_chance, knees = raw * null.noise, knees_of(null.cells)
     random = np.random.default_rng(0).standard_normal((2 * len(precision) + 1, NUM_FIELDS))
@@ -71,7 +74,8 @@ def atlas_of(
             cosine = float(vector @ whitened[name] / length) if length > 0 else 0.0
             if other != name and abs(cosine) > ALIKE:
                 alike[other] = cosine
-        medium, cost = effect_named(name).medium, np.log(max(num_places.get(name, 1), len(signatures[name])))
+        medium = effect_named(name).medium
+        cost = needed_gain + np.log(max(num_places.get(name, 1), len(signatures[name])))
         now, with_more = (
             _visible_from(
                 [
@@ -117,7 +121,7 @@ class _Judge:
             medium: its medium strength.
             covariance: of the null.
             knees: from where on differences count by their logarithm.
-            cost: of the places and times that were looked at, in log evidence.
+            cost: what evidence needs: above the baseline's, and for the places and times that were looked at.
             true_shares: what of the signature is no chance of its runs, at each known strength but 0.
         """
         self.strengths = signature.strengths
@@ -148,7 +152,7 @@ class _Judge:
         fields = squeezed(shift + self._none @ chance, self._knees[:, None]) + traces
         values = [_log_density(fields - at[:, None], root) for at, root in self._explanations]
         gain = logsumexp(values, axis=0) - np.log(len(values)) - self._cost - _log_density(fields, self._none)
-        return float(np.mean(gain >= LEAST_EVIDENCE))
+        return float(np.mean(gain >= 0.0))
 
 
 def _true_shares(signature: Signature, inverse: np.ndarray, by_chance: np.ndarray) -> list[float]:

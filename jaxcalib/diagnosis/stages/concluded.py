@@ -48,7 +48,13 @@ def gather_findings(
         refit=refitted.named,
         pairs=pairs,
         signatures=checked.signatures,
-        atlas=atlas_of(checked.signatures, baseline.fitted.null, int(session.is_fit.sum()), num_places),
+        atlas=atlas_of(
+            checked.signatures,
+            baseline.fitted.null,
+            int(session.is_fit.sum()),
+            num_places,
+            judged.grounds.needed_gain,
+        ),
         windows=tried.windows,
         checks=checked.checks,
         runs={

@@ -4,15 +4,13 @@ import contextlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from jaxcalib.diagnosis.answer.remarks import FEW_DRIVES, aliased_effects
 from jaxcalib.diagnosis.inference.baseline import Baseline
-from jaxcalib.diagnosis.inference.investigation import (
-    NotTestableError,
-    Prepared,
-    explanations,
-    shift_in_errors,
-)
-from jaxcalib.diagnosis.inference.leave_one_out import least_gain
+from jaxcalib.diagnosis.inference.chance import best_gains, gain_by_chance
+from jaxcalib.diagnosis.inference.investigation import NotTestableError, Prepared, ramp_gains, shift_in_errors
+from jaxcalib.diagnosis.inference.left_out import differences_of
 from jaxcalib.diagnosis.inference.marginal_likelihood import Explained, best_gain
 from jaxcalib.diagnosis.inference.overdispersion import temperature
 from jaxcalib.diagnosis.inference.pairs import Pairs, judge_pairs
@@ -26,6 +24,7 @@ class Grounds:
     """What a verdict rests on beside the explanations."""
 
     least_gain: float  # gain of the best explanation over the baseline that no single drive makes
+    needed_gain: float  # that it has to have; see `chance`
     by_chance: float  # squared misfit that chance leaves
     shift_errors: float  # by how many of its errors the calibration moved the parameters away from the scenario's
     few_drives: bool  # whether there are too few drives to name one effect
@@ -42,7 +41,7 @@ class Grounds:
         sure = None if self.pairs is None else self.pairs.sure
         return judge(
             explained,
-            self.least_gain,
+            self.least_gain - (self.needed_gain - LEAST_EVIDENCE),
             temperature(explained, self.by_chance),
             self.shift_errors,
             self.few_drives,
@@ -68,9 +67,11 @@ def judge_drives(
     problem, is_fit, fitted = session.problem, session.is_fit, baseline.fitted
     with session.stopwatch.time("evidence"):
         gain, pairs = best_gain(checked.explained), None
-        if gain > LEAST_EVIDENCE and is_fit.sum() > 1:
+        by_chance = gain_by_chance(fitted.left_out, fitted.null, checked.signatures, num_places)
+        needed = max(LEAST_EVIDENCE, by_chance)
+        if gain >= needed and is_fit.sum() > 1:
             gain = min(gain, _least_gain(session, baseline, num_places, checked))
-        if gain > LEAST_EVIDENCE:
+        if gain >= needed:
             pairs = judge_pairs(
                 fitted.difference,
                 fitted.null,
@@ -85,6 +86,7 @@ def judge_drives(
                 held_out = baseline.prepared(baseline.field.take(~is_fit))
         grounds = Grounds(
             least_gain=gain,
+            needed_gain=needed,
             by_chance=baseline.by_chance,
             shift_errors=shift_in_errors(problem, baseline.values, fitted),
             few_drives=int(is_fit.sum()) < FEW_DRIVES,
@@ -97,10 +99,8 @@ def judge_drives(
 def _least_gain(
     session: DiagnosisSession, baseline: Baseline, num_places: Mapping[str, int], checked: Checked
 ) -> float:
-    problem = session.problem
-    return least_gain(
-        baseline.fitted,
-        checked.signatures,
-        baseline.prepared,
-        lambda some, signatures: explanations(problem, baseline.values, some, signatures, num_places),
-    )
+    fitted = baseline.fitted
+    without = differences_of(fitted.tallies, fitted.null, 1.0 / baseline.runs.plain.num_independent)[1:]
+    gains = best_gains(without, fitted.null, checked.signatures, num_places)
+    ramps = ramp_gains(session.problem, baseline.values, fitted, without)
+    return float(np.min(np.maximum(gains, ramps)))
