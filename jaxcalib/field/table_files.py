@@ -31,8 +31,7 @@ Kind = Literal["number", "text"]
 class SizeLimit:
     """What a file may grow to in memory, so that a small compressed file cannot take all of it."""
 
-    # most bytes after unpacking: as numbers a text takes four to five times as much for a while
-    unpacked_bytes: int = 512 * 1024**2
+    unpacked_bytes: int = 512 * 1024**2  # most bytes after unpacking, of a text and of the numbers that it says
     ratio: int = 200  # most bytes after unpacking per byte in the file
     # the ratio counts from this size on: short tables with constant columns pack very well
     ratio_from_bytes: int = 32 * 1024**2
@@ -160,7 +159,7 @@ def _read_csv(file: Path, columns: Mapping[str, Kind], limit: SizeLimit) -> tupl
     types = {column: pa.float64() if kind == "number" else pa.string() for column, kind in columns.items()}
     try:
         with _open_csv(file, limit) as stream:
-            table = pyarrow.csv.read_csv(
+            batches = pyarrow.csv.open_csv(
                 stream,
                 read_options=pyarrow.csv.ReadOptions(use_threads=False),  # with threads errors do not name the row
                 parse_options=pyarrow.csv.ParseOptions(newlines_in_values=False),
@@ -171,9 +170,21 @@ def _read_csv(file: Path, columns: Mapping[str, Kind], limit: SizeLimit) -> tupl
                     strings_can_be_null=False,
                 ),
             )
+            table = _joined(file, batches, limit)
     except pa.ArrowInvalid as error:
         raise _csv_error(file, header, str(error)) from None
     return table, extra
+
+
+def _joined(file: Path, batches: pyarrow.csv.CSVStreamingReader, limit: SizeLimit) -> pa.Table:
+    """Return a table of pieces that are read one by one; a short text may say many numbers."""
+    read, unpacked_bytes = [], 0
+    for batch in batches:
+        unpacked_bytes += batch.nbytes
+        if unpacked_bytes > limit.unpacked_bytes:
+            raise CaseError(file, "", f"expected at most {limit.unpacked_bytes} bytes after unpacking.")
+        read.append(batch)
+    return pa.Table.from_batches(read, batches.schema)
 
 
 def _csv_header(file: Path, columns: Mapping[str, Kind], limit: SizeLimit) -> list[str]:

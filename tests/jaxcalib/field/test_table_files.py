@@ -148,6 +148,15 @@ def test_refuses_what_unpacks_beyond_the_limit(tmp_path: Path):
     )
 
 
+def test_refuses_a_short_text_that_says_too_many_numbers(tmp_path: Path):
+    """Two bytes say a number of eight."""
+    content = b"time_s,id,x_m\n" + b"1,,2\n" * 400_000  # two megabytes of text, 6.4 of numbers
+    assert message(write(tmp_path, content), SizeLimit(unpacked_bytes=4_000_000)) == (
+        "t.csv: expected at most 4000000 bytes after unpacking."
+    )
+    assert read_columns(write(tmp_path, content), COLUMNS).num_rows == 400_000
+
+
 def test_refuses_a_parquet_bomb(tmp_path: Path):
     """One value repeated a million times takes almost no place in the file."""
     num_rows = 1_000_000
