@@ -5,6 +5,7 @@ are those of SUMO 1.28; what a parameter may be stands with the model in `surrog
 car-following model, enter it in `SUMO_MODELS`.
 """
 
+import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -197,15 +198,22 @@ def attribute_values(
             if default is not None:
                 values[name] = default
             continue
-        try:
-            values[name] = float(text)
-        except ValueError:
-            if name not in (said or {}):
-                raise ValueError(f"attribute '{name}': expected a number, got '{text}'") from None
-            values[name] = by_class[name]  # what SUMO makes of it
+        number = _number(text)
+        if number is None and not math.isfinite((said or {}).get(name, math.nan)):
+            raise ValueError(f"attribute '{name}': expected a number, got '{text}'")
+        values[name] = by_class[name] if number is None else number  # the first: what SUMO makes of it
     values.setdefault("lcCooperativeSpeed", values["lcCooperative"])
     values["emergencyDecel"] = max(values["emergencyDecel"], values["decel"])
     return values
+
+
+def _number(text: str) -> float | None:
+    """Return the finite number that a text says; None if it says none."""
+    try:
+        number = float(text)
+    except ValueError:
+        return None
+    return number if math.isfinite(number) else None
 
 
 def vehicle_class(values: Mapping[str, float], model: str) -> VehicleClass:

@@ -2,6 +2,7 @@
 
 import gzip
 import xml.etree.ElementTree as ET
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from sim_adapters.scenario.finding import Level
 from sim_adapters.scenario.scenario import Scenario, read_scenario
 from sim_adapters.scenario.scenario_writer import write_scenario
 from sim_adapters.scenario.sumo_files import read_xml
+from sim_adapters.scenario.sumo_names import attribute_values
 from sim_adapters.world.world_builder import build_template
 
 CONFIG, DEMAND, NET = "scenario.sumocfg", "demand.rou.xml", "net.net.xml"
@@ -39,6 +41,14 @@ def refusal(case: Path, name: str) -> str:
     assert line.startswith(f"{name}: ")
     assert "\n" not in line
     return line
+
+
+@pytest.mark.parametrize("said", [None, {"length": float("nan")}])
+@pytest.mark.parametrize("text", ["nan", "inf", "long"])
+def test_a_vtype_has_finite_numbers(text: str, said: Mapping[str, float] | None):
+    with pytest.raises(ValueError, match=f"attribute 'length': expected a number, got '{text}'"):
+        attribute_values({"length": text}, "IDM", said)
+    assert attribute_values({"length": text}, "IDM", {"length": 4.5})["length"] == 4.5  # what SUMO makes of it
 
 
 def test_the_copy_is_read_before_it_is_spoilt(own_corridor: Path):
