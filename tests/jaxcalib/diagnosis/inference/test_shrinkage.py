@@ -143,3 +143,14 @@ def test_an_identity_needs_few_drives_and_a_mean_needs_many():
     simulated = DriveTallies(cells, 0.1 * weight, weight, np.zeros(runs))
     field = replace(simulated, above=0.1 * weight[3:11], below=weight[3:11], depart_s=np.zeros(8))
     assert observed_cells(field, simulated) == cells[:1]
+
+
+def test_a_mean_needs_many_runs_however_many_drives_share_one():
+    cells = (Cell(Channel.REPLAY, "residual_mps2", "following"), Cell(Channel.REPLAY, "residual_mps2", "in a jam"))
+    drives, runs = 48, 24
+    weight = np.ones((drives, 2))
+    weight[16:, 1] = 1e-3  # sixteen drives of eight runs are in a jam
+    simulated = DriveTallies(cells, 0.1 * weight, weight, np.zeros(drives), np.arange(drives) * runs // drives)
+    field = DriveTallies(cells, 0.1 * weight[:8], weight[:8], np.zeros(8))
+    assert observed_cells(field, simulated) == cells[:1]
+    assert observed_cells(field, replace(simulated, run=None)) == cells
