@@ -134,17 +134,19 @@ def influence(
 
 
 @app.command
-def figures(out: Path, /) -> int:
+def figures(out: Path, /, *, record: Annotated[bool, Parameter(negative="")] = False) -> int:
     """Draw tables and figures anew from the data of a study.
 
     Parameters
     ----------
     out
         Folder of a study.
+    record
+        Keep the tables in experiments/results.
     """
     from experiments.paper.report import write_report
 
-    return _guarded(lambda: write_report(out))
+    return _guarded(lambda: write_report(out, record))
 
 
 def _study(

@@ -1,5 +1,6 @@
 """Tables and figures from hand-made trials."""
 
+import json
 from pathlib import Path
 
 import msgspec
@@ -127,3 +128,23 @@ def test_a_trial_survives_its_file(tmp_path: Path):
 def test_no_study_is_one_line(tmp_path: Path):
     with pytest.raises(CaseError, match=r"study\.json"):
         read_study(tmp_path)
+
+
+def test_a_study_is_recorded_with_what_it_is_of(trials: list[Trial], tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    kept = {}
+    monkeypatch.setattr("experiments.results.record.record", lambda *each: kept.update({each[1]: each}))
+    about = {"case": "road", "patterns": [1, 2, 3], "repetitions": 1, "methods": list(LEVEL), "budget": 0.5,
+             "failed": ["a drive"], "trials": msgspec.to_builtins(trials)}  # fmt: skip
+    (tmp_path / STUDY_FILE).write_bytes(msgspec.json.encode(about))
+    write_report(tmp_path)
+    assert not kept
+    write_report(tmp_path, is_recorded=True)
+    assert list(kept) == ["road: Errors of all methods", "road: The paper's numbers beside ours"]
+    study, _, rows, title, (note,) = kept["road: Errors of all methods"]
+    assert (study, title) == ("paper", "Errors of all methods on `road`")
+    assert note.startswith("3 traffic patterns, 1 repetitions, no_calibration,")
+    assert note.endswith("budget 0.5; failed: a drive.")
+    by_measure = {row["measure"]: row for row in rows}
+    assert by_measure["cut_ins"]["noise floor"] == 0.05
+    assert all(value is None for name, value in by_measure["cut_ins"].items() if name not in ("measure", "noise floor"))
+    json.dumps(rows, allow_nan=False)
