@@ -140,9 +140,13 @@ class _BoundedStream(io.RawIOBase):
         super().close()
 
 
-def _check_size(file: Path, packed_bytes: int, unpacked_bytes: int, limit: SizeLimit) -> None:
+def _check_bytes(file: Path, unpacked_bytes: int, limit: SizeLimit) -> None:
     if unpacked_bytes > limit.unpacked_bytes:
         raise CaseError(file, "", f"expected at most {limit.unpacked_bytes} bytes after unpacking.")
+
+
+def _check_size(file: Path, packed_bytes: int, unpacked_bytes: int, limit: SizeLimit) -> None:
+    _check_bytes(file, unpacked_bytes, limit)
     if unpacked_bytes > max(limit.ratio_from_bytes, limit.ratio * packed_bytes):
         raise CaseError(file, "", f"expected to unpack to at most {limit.ratio} times the file's size.")
 
@@ -181,8 +185,7 @@ def _joined(file: Path, batches: pyarrow.csv.CSVStreamingReader, limit: SizeLimi
     read, unpacked_bytes = [], 0
     for batch in batches:
         unpacked_bytes += batch.nbytes
-        if unpacked_bytes > limit.unpacked_bytes:
-            raise CaseError(file, "", f"expected at most {limit.unpacked_bytes} bytes after unpacking.")
+        _check_bytes(file, unpacked_bytes, limit)
         read.append(batch)
     return pa.Table.from_batches(read, batches.schema)
 

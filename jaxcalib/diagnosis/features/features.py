@@ -137,6 +137,15 @@ class DriveTallies:
         """How many runs hold the drives."""
         return len(self) if self.run is None else len(np.unique(self.run))
 
+    def of_runs(self, values: np.ndarray) -> np.ndarray:
+        """Return the sum over the drives of each run, [run, feature], of values of drives, [drive, feature]."""
+        if self.run is None:
+            return values
+        names, place = np.unique(self.run, return_inverse=True)
+        sums = np.zeros((len(names), values.shape[1]))
+        np.add.at(sums, place, values)
+        return sums
+
     @property
     def num_independent(self) -> float:
         """How many drives with a run of their own would make the mean as certain; drives of one run share its jams.
@@ -148,8 +157,7 @@ class DriveTallies:
         if self.run is None or not 1 < num_runs < num_drives:
             return float(num_runs)
         influence = np.nan_to_num(self.influence())
-        together = np.zeros((num_runs, influence.shape[1]))
-        np.add.at(together, np.unique(self.run, return_inverse=True)[1], influence)
+        together = self.of_runs(influence)
         alone = (influence**2).sum(axis=0) * num_drives / (num_drives - 1)
         shared = (together**2).sum(axis=0) * num_runs / (num_runs - 1)
         design_effect = np.mean(shared[alone > 0] / alone[alone > 0]) if np.any(alone > 0) else 1.0

@@ -43,16 +43,6 @@ def effective_number(below: np.ndarray) -> np.ndarray:
     return below.sum(axis=0) ** 2 / np.maximum((below**2).sum(axis=0), 1e-12)
 
 
-def _by_run(tallies: DriveTallies) -> np.ndarray:
-    """Denominators of each run, [run, feature]: drives of one run share its jams."""
-    if tallies.run is None:
-        return tallies.below
-    names, place = np.unique(tallies.run, return_inverse=True)
-    below = np.zeros((len(names), tallies.below.shape[1]))
-    np.add.at(below, place, tallies.below)
-    return below
-
-
 def on_cells(tallies: DriveTallies, cells: tuple[Cell, ...]) -> DriveTallies:
     """Return tallies of the given features; those that were never observed are 0."""
     column_of = {cell: index for index, cell in enumerate(tallies.cells)}
@@ -86,7 +76,7 @@ def observed_cells(field: DriveTallies, null: DriveTallies) -> tuple[Cell, ...]:
     fewest_drives = np.where(is_identity, FEWEST_DRIVES_OF_IDENTITY, FEWEST_EFFECTIVE_DRIVES)
     fewest_runs = np.where(is_identity, FEWEST_RUNS_OF_IDENTITY, FEWEST_EFFECTIVE_RUNS)
     enough = effective_number(field.below) >= np.minimum(fewest_drives, 0.6 * len(field))
-    of_runs = _by_run(null)
+    of_runs = null.of_runs(null.below)  # drives of one run share its jams
     enough &= effective_number(null.below) >= fewest_runs
     enough &= effective_number(of_runs) >= np.minimum(fewest_runs, 0.5 * len(of_runs))
     # events: fewer than a handful have no normal distribution

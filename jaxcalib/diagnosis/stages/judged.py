@@ -67,8 +67,7 @@ def judge_drives(
     problem, is_fit, fitted = session.problem, session.is_fit, baseline.fitted
     with session.stopwatch.time("evidence"):
         gain, pairs = best_gain(checked.explained), None
-        by_chance = gain_by_chance(fitted.left_out, fitted.null, checked.signatures, num_places)
-        needed = max(LEAST_EVIDENCE, by_chance)
+        needed = max(LEAST_EVIDENCE, gain_by_chance(fitted.left_out, fitted.null, checked.signatures, num_places))
         if gain >= needed and is_fit.sum() > 1:
             gain = min(gain, _least_gain(session, baseline, num_places, checked))
         if gain >= needed:
