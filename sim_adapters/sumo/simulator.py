@@ -20,6 +20,7 @@ from sim_adapters.sumo.shared_result import SharedResult
 from sim_adapters.sumo.workers import LONGEST_RUN_S, BegunRun, LocalWorkers, SumoWorkers
 from surrogate.road.perception import PerceptionFrame
 
+WHOLE = 1e-6  # of a step: numbers in files are rounded
 RADIUS_MARGIN_M = 15.0  # SUMO's radius is measured from another point of the vehicle than our offsets
 
 
@@ -89,7 +90,14 @@ class SumoSimulator:
             control: how to drive the subject vehicle in a run; SUMO drives it unless given.
             distant: which vehicles follow by another vType beyond the sensors' range.
             workers: who makes the runs, and outlives this; processes of its own unless given.
+
+        Raises:
+            ValueError: frames are no whole number of steps apart.
         """
+        steps = frame_interval_s / scenario.configuration.step_s
+        if abs(steps - max(1, round(steps))) > WHOLE:
+            raise ValueError(f"frame_interval_s: expected a whole number of steps of "
+                             f"{scenario.configuration.step_s:g} s, got {frame_interval_s:g}.")  # fmt: skip
         self._scenario = scenario
         self._layout = layout
         self._fold = fold

@@ -7,7 +7,6 @@ from jaxcalib.diagnosis.features.conventions import Conventions, ExpectedDrivers
 from jaxcalib.diagnosis.features.features import TallyBook
 from jaxcalib.diagnosis.features.identities import count_identities
 from jaxcalib.diagnosis.features.replay import count_replay
-from jaxcalib.problem.problem import FRAME_INTERVAL_S
 from surrogate.road.drive_table import DriveTable
 
 
@@ -18,12 +17,13 @@ class DriveFeatures:
     road: Conventions
     background: ExpectedDrivers
     subject: ExpectedDrivers  # expected subject vehicle
+    frame_interval_s: float  # at which traffic is judged; tables have that interval, or a whole part of it
 
     def of_table(self, table: DriveTable) -> TallyBook:
         """Return the tallies of a drive; identities are left out where instants are too far apart for them."""
         book = TallyBook()
-        steps = max(1, round(FRAME_INTERVAL_S / table.interval_s))
-        if table.interval_s < FRAME_INTERVAL_S:
+        steps = max(1, round(self.frame_interval_s / table.interval_s))
+        if steps > 1:
             count_identities(table, self.road, book)
         coarse = table.coarser(steps)
         count_closed_loop(coarse, self.road, book)

@@ -15,6 +15,7 @@ FEWEST_EVENTS = 5.0
 TAIL, NORMAL_TAIL = 0.995, 2.807  # a quantile of means over as many drives as the field has, and the normal one
 MOST_TAIL = 3.0
 NUM_DRAWS = 1000
+LEAST_DEVIATION = 1e-9
 CORRELATION_FLOOR = 0.15  # share of the identity that is mixed into correlations: 300 features rest on some 60 runs
 
 
@@ -85,6 +86,8 @@ def observed_cells(field: DriveTallies, null: DriveTallies) -> tuple[Cell, ...]:
     fewest = FEWEST_EVENTS * null.rows_per_event
     enough &= np.maximum(expected, np.abs(field.above.sum(axis=0))) >= fewest
     enough &= np.isfinite(field.values()) & np.isfinite(null.values())
+    varies = np.nan_to_num(null.influence()).std(axis=0) > LEAST_DEVIATION  # what is always the same has no noise
+    enough &= varies | is_identity | (null.rows_per_event > 0.0)
     return tuple(cell for cell, kept in zip(cells, enough, strict=True) if kept)
 
 
@@ -97,6 +100,7 @@ def null_model(
     prior_steps: np.ndarray,
     more_influence: np.ndarray | None,
     num_drives: int,
+    flat_deviation: np.ndarray | float = LEAST_DEVIATION,
 ) -> NullModel:
     """Return the null model for a field.
 
@@ -109,9 +113,10 @@ def null_model(
         prior_steps: prior standard deviation of the parameters' shift, in steps.
         more_influence: influences of further runs, for the correlations; nan or 0 where they do not know a feature.
         num_drives: drives in the field.
+        flat_deviation: noise of each feature that is the same in all runs; some of them may not show what varies.
     """
     null = on_cells(null, cells)
-    influence = null.influence()
+    influence = np.nan_to_num(null.influence())
     spread = influence.std(axis=0, ddof=1)
     per_drive = null.below.mean(axis=0)
     rarer = np.maximum(per_drive / np.maximum(field_below / num_drives, 1e-12), 1.0)
@@ -122,8 +127,9 @@ def null_model(
     floor = np.where(null.is_logarithmic, 0.0, np.sqrt(total) / np.maximum(field_below, 1e-12))
     chance = np.maximum(chance, floor)
     deviation = np.sqrt(chance**2 + null.tolerance**2)
-    deviation = np.maximum(deviation, 1e-9)
-    share = chance / deviation
+    is_flat = deviation <= LEAST_DEVIATION
+    deviation = np.where(is_flat, flat_deviation, deviation)
+    share = np.where(is_flat, 1.0, chance / deviation)
     correlation = shrunk_correlation(influence, spread, more_influence)
     noise = correlation * np.outer(share, share) + np.diag((null.tolerance / deviation) ** 2)
     scaled = slope / deviation[:, None]

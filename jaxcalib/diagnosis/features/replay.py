@@ -219,8 +219,9 @@ def _count_after_changes(book: TallyBook, seen: _Residuals, chosen: RowFlags) ->
 def _count_in_time(table: DriveTable, book: TallyBook, seen: _Residuals) -> None:
     residual, expected, steady = seen.residual_mps2, seen.expected_mps2, seen.steady
     leader, leader_acceleration = table.leader, seen.leader_acceleration_mps2
-    for lag_s in LAGS_S:
-        earlier = table.later(-round(lag_s / table.interval_s))
+    lags = {max(1, round(lag_s / table.interval_s)): lag_s for lag_s in reversed(LAGS_S)}  # the shortest of a number
+    for instants, lag_s in lags.items():
+        earlier = table.later(-instants)
         back = np.maximum(earlier, 0)
         both = steady & (earlier >= 0) & steady[back]
         book.mean(Cell(CHANNEL, "residual_autocovariance_m2ps4", f"{lag_s:g} s"), residual * residual[back], both)

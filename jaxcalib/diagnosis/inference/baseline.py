@@ -19,7 +19,7 @@ from jaxcalib.diagnosis.features.noise import NullModel
 from jaxcalib.diagnosis.inference.atlas import parameter_trials
 from jaxcalib.diagnosis.inference.investigation import NotTestableError, Prepared, prepare
 from jaxcalib.diagnosis.inference.ledger import parameter_shift
-from jaxcalib.diagnosis.runs.explained_runs import LEAST_VALUE_SHARE
+from jaxcalib.diagnosis.runs.explained_runs import least_values
 from jaxcalib.diagnosis.runs.finished_parts import FinishedParts
 from jaxcalib.diagnosis.runs.null_runs import NullRuns
 from jaxcalib.diagnosis.runs.parameter_steps import parameter_steps
@@ -156,7 +156,7 @@ class BaselineMaker:
         """
         null, difference, values = best.fitted.null, best.difference, best.values
         sizes = parameter_steps(self.problem.layout, values)
-        least = np.maximum(self.bounds[0], LEAST_VALUE_SHARE * values)
+        least = np.maximum(self.bounds[0], least_values(values))
         way, num_tried = [], 0
         while num_tried < MOST_MOVES:
             shift = parameter_shift(difference, null)
@@ -213,7 +213,7 @@ class BaselineMaker:
         """
         problem, progress = self.problem, self.progress
         background, subject = expected_drivers(problem, values)
-        features = DriveFeatures(conventions_of(problem), background, subject)
+        features = DriveFeatures(conventions_of(problem), background, subject, problem.frame_interval_s)
         progress.stage("null")
         in_sumo = SumoRuns(
             problem, features, values, self.plan, self.parts, self.first_seed, progress.sumo_runs, self.sumo_workers,

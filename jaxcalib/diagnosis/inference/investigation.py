@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from jaxcalib.diagnosis.features.features import DriveTallies
-from jaxcalib.diagnosis.features.noise import NullModel, null_model, observed_cells, on_cells
+from jaxcalib.diagnosis.features.noise import LEAST_DEVIATION, NullModel, null_model, observed_cells, on_cells
 from jaxcalib.diagnosis.features.signature import Signature
 from jaxcalib.diagnosis.inference.atlas import (
     EffectTrial,
@@ -80,12 +80,16 @@ def prepare(
     slopes = slopes_of(problem.layout, trials, cells)
     plain, below = on_cells(runs.plain, cells), seen.below.sum(axis=0)
 
-    def null_of(some: DriveTallies) -> NullModel:
-        return null_model(cells, below, some, slopes.slope, slopes.error, prior_steps, slopes.influence, len(drives))
+    more, flat = slopes.influence, LEAST_DEVIATION
 
+    def null_of(some: DriveTallies) -> NullModel:
+        return null_model(cells, below, some, slopes.slope, slopes.error, prior_steps, more, len(drives), flat)
+
+    null = null_of(plain)
+    flat = null.deviation
     left_out = left_out_sets(plain, len(drives), null_of)
     factor = noise_factor(left_out)
-    null = with_noise(null_of(plain), factor)
+    null = with_noise(null, factor)
     left_out = tuple(replace(each, null=with_noise(each.null, factor)) for each in left_out)
     disagrees = disagreement(trials[BASELINE], runs.plain, null)
     return Prepared(seen, null, null.standardised(seen.values()), slopes, disagrees, left_out)

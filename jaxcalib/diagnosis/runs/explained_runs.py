@@ -18,7 +18,7 @@ from sim_adapters.scenario.sumo_effects import is_expressible
 from surrogate.effects.base import EffectSetting
 from surrogate.effects.registry import effect_named
 
-LEAST_VALUE_SHARE = 0.3  # of a calibrated value
+LARGEST_FALL = 0.7  # of a calibrated value's size
 SLOPE_SHARE = 0.5  # of the runs of a point: slopes only say where to go on
 FEWEST_SLOPE_RUNS = 8
 STRENGTH_DROP = 0.3  # of the strength: over which the change with strength is measured; no stronger, shares end at 1
@@ -135,5 +135,10 @@ def _setting(signature: Signature, strength: float) -> EffectSetting:
 
 
 def moved_values(values: np.ndarray, step_sizes: np.ndarray, steps: np.ndarray) -> np.ndarray:
-    """Return parameter values after a shift; none falls below a share of what was calibrated."""
-    return round_values(np.maximum(values + step_sizes * steps, LEAST_VALUE_SHARE * values))
+    """Return parameter values after a shift; none falls below `least_values`."""
+    return round_values(np.maximum(values + step_sizes * steps, least_values(values)))
+
+
+def least_values(values: np.ndarray) -> np.ndarray:
+    """Return how far parameter values may fall; some of SUMO's lane-change weights are negative to begin with."""
+    return values - LARGEST_FALL * np.abs(values)

@@ -10,7 +10,7 @@ from jaxcalib.calibration.stages.evaluator import AllRunsFailedError
 from jaxcalib.diagnosis.features.drive_features import DriveFeatures
 from jaxcalib.diagnosis.features.features import DriveTallies, TallyBook, gather_tallies
 from jaxcalib.diagnosis.features.identities import count_identities
-from jaxcalib.problem.problem import FRAME_INTERVAL_S, CalibrationProblem
+from jaxcalib.problem.problem import CalibrationProblem
 from jaxcalib.runs.disk import checked_disk, writing_to_scratch
 from sim_adapters.interface import RunOutcome, RunRequest
 from sim_adapters.shared_runs import departures_apart, departures_s, drives_worth
@@ -79,19 +79,22 @@ def fine_interval_s(problem: CalibrationProblem) -> float:
     """
     step_s = problem.parts.scenario.step_s
     sampled_s = max(float(np.median(np.diff(drive.subject.time_s))) for drive in problem.drives)
-    steps = max(1, round(sampled_s / step_s))
-    interval_s = steps * step_s
-    whole = abs(FRAME_INTERVAL_S / interval_s - round(FRAME_INTERVAL_S / interval_s)) < 1e-6
-    return interval_s if whole and interval_s < FRAME_INTERVAL_S else FRAME_INTERVAL_S
+    steps, steps_per_frame = max(1, round(sampled_s / step_s)), round(problem.frame_interval_s / step_s)
+    return steps * step_s if steps_per_frame % steps == 0 else problem.frame_interval_s
 
 
-def alterations_of(interval_s: float) -> list[Alteration]:
-    """Which effects at which strengths are put into the null runs; slow logs do not show when drivers act."""
+def alterations_of(interval_s: float, frame_interval_s: float) -> list[Alteration]:
+    """Which effects at which strengths are put into the null runs; slow logs do not show when drivers act.
+
+    Args:
+        interval_s: at which identities are judged.
+        frame_interval_s: at which traffic is.
+    """
     chosen: list[Alteration] = []
     for effect in EFFECTS:
         if effect.is_sensor_s:
             chosen += [(effect.name, strength) for strength in sensor_strengths(effect, interval_s)]
-        elif interval_s < FRAME_INTERVAL_S:
+        elif interval_s < frame_interval_s:
             chosen += [(effect.name, strength) for strength in effect.rhythms_s]
     return chosen
 

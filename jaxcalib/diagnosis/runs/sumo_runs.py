@@ -35,7 +35,8 @@ class SumoRuns:
 
     def first_null(self) -> NullRuns:
         """Return the first runs with the calibrated values, and altered versions of some: enough to see where to."""
-        alterations = list(dict.fromkeys([*alterations_of(fine_interval_s(self.problem)), *self.measured.items()]))
+        usual = alterations_of(fine_interval_s(self.problem), self.problem.frame_interval_s)
+        alterations = list(dict.fromkeys([*usual, *self.measured.items()]))
 
         def make() -> dict[str, DriveTallies]:
             runs = run_null(

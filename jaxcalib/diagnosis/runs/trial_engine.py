@@ -6,7 +6,7 @@ from jaxcalib.diagnosis.features.drive_features import DriveFeatures
 from jaxcalib.diagnosis.features.frame_recorder import FrameRecorder
 from jaxcalib.diagnosis.runs.trials import TrialRunner
 from jaxcalib.problem.engines import DECISION_INTERVAL_S, surrogate_engine
-from jaxcalib.problem.problem import FRAME_INTERVAL_S, CalibrationProblem
+from jaxcalib.problem.problem import CalibrationProblem
 
 SPARE_CAPACITY = 1.8  # effects can make traffic denser
 PLACES_FOR_OBJECTS = 128
@@ -21,10 +21,10 @@ def trial_runner(
 ) -> TrialRunner:
     """The maker of trials of a problem, with decisions as often as the calibration's surrogate made them."""
     longest_s = problem.parts.scenario.duration_s - min(drive.depart_s for drive in problem.case.drives)
-    num_frames = FRAMES_STEP * int(np.ceil((longest_s / FRAME_INTERVAL_S + 2) / FRAMES_STEP))
+    num_frames = FRAMES_STEP * int(np.ceil((longest_s / problem.frame_interval_s + 2) / FRAMES_STEP))
     recorder = FrameRecorder(num_frames, PLACES_FOR_OBJECTS)
     engine = surrogate_engine(
         problem, SPARE_CAPACITY, observer=recorder, decision_interval_s=decision_interval_s
     ).with_effects()
     departs = sorted({drive.depart_s for drive in problem.case.drives})
-    return TrialRunner(engine, recorder, features, departs, first_seed, FRAME_INTERVAL_S)
+    return TrialRunner(engine, recorder, features, departs, first_seed, problem.frame_interval_s)

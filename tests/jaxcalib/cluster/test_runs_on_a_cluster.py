@@ -126,7 +126,7 @@ def test_a_diagnosis_counts_the_same_drives(small_problem: CalibrationProblem, c
     """With an effect, and with altered versions of the first drives."""
     problem = small_problem
     values = problem.template.base_values()
-    features = DriveFeatures(conventions_of(problem), *expected_drivers(problem, values))
+    features = DriveFeatures(conventions_of(problem), *expected_drivers(problem, values), problem.frame_interval_s)
 
     def counted(place: SumoWorkers | None) -> NullRuns:
         alterations, effects = [("gap_sensor_bias", 0.08)], {"reaction_delay": EffectSetting(0.8)}

@@ -208,3 +208,9 @@ with sumo_engine(problem, 1) as sumo:
     done = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, timeout=300, check=False)
     assert done.returncode == 1
     assert "WorkersEndedError: SUMO's workers end before they can work." in done.stderr
+
+
+def test_frames_between_steps_are_refused(corridor: Scenario, layout: ParameterLayout, tmp_path: Path):
+    sensor = SensorRange(150.0, 150.0)
+    with pytest.raises(ValueError, match=r"frame_interval_s: expected a whole number of steps of 0\.1 s, got 0\.25"):
+        SumoSimulator(corridor, layout, mean_speed, sensor, "ego", 0.25, 40.0, 1, scratch=tmp_path)

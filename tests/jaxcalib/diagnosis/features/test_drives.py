@@ -83,7 +83,7 @@ def test_short_range_takes_what_is_far_and_nothing_else():
 
 @pytest.mark.parametrize(("interval_s", "late_s"), [(0.1, [0.2, 0.4, 0.7]), (0.25, [0.25, 0.5, 0.75]), (0.5, [0.5])])
 def test_a_log_is_late_by_its_own_steps(interval_s: float, late_s: list[float]):
-    chosen = alterations_of(interval_s)
+    chosen = alterations_of(interval_s, 0.5)
     assert [strength for name, strength in chosen if name == "sensor_latency"] == pytest.approx(late_s)
     assert [strength for name, strength in chosen if name == "sensor_noise"] == [0.1, 0.3, 0.8]
     assert [strength for name, strength in chosen if name == "gap_sensor_bias"] == [0.02, 0.05, 0.12, -0.05, -0.12]

@@ -72,6 +72,26 @@ def test_noise_that_is_too_narrow_becomes_wider():
     assert mean_square(told) == pytest.approx(1.0, abs=0.2)
 
 
+def test_what_varies_in_a_few_runs_only_has_the_noise_of_all_where_it_does_not():
+    plain = drives(48, 2)
+    plain.above[:, 0] = MEAN[0] + 0.1 * (np.arange(48) == 7)
+    whole = built(plain)
+
+    def of_rest(some: DriveTallies) -> NullModel:
+        below, error = np.full(NUM_FEATURES, float(NUM_FIELD)), np.full((NUM_FEATURES, NUM_PARAMETERS), 0.2)
+        return null_model(
+            CELLS, below, some, SLOPE, error, np.ones(NUM_PARAMETERS), None, NUM_FIELD, whole.deviation
+        )  # fmt: skip
+
+    sets = left_out_sets(plain, NUM_FIELD, of_rest)
+    without = [each for each in sets if each.null.deviation[0] == whole.deviation[0]]
+    assert 0 < len(without) < len(sets)  # drive 7 is left out in some
+    for each in sets:
+        np.linalg.cholesky(each.null.noise)
+        assert np.abs(each.differences[..., 0]).max() < 20.0
+    assert np.isfinite(noise_factor(sets))
+
+
 def test_what_parameters_leave_open_stays():
     plain = drives(48, 2)
     before, after = built(plain), measured(plain)

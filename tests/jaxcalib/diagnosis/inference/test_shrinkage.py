@@ -150,7 +150,17 @@ def test_a_mean_needs_many_runs_however_many_drives_share_one():
     drives, runs = 48, 24
     weight = np.ones((drives, 2))
     weight[16:, 1] = 1e-3  # sixteen drives of eight runs are in a jam
-    simulated = DriveTallies(cells, 0.1 * weight, weight, np.zeros(drives), np.arange(drives) * runs // drives)
-    field = DriveTallies(cells, 0.1 * weight[:8], weight[:8], np.zeros(8))
+    above = weight * (0.1 + 0.02 * np.random.default_rng(4).standard_normal(weight.shape))
+    simulated = DriveTallies(cells, above, weight, np.zeros(drives), np.arange(drives) * runs // drives)
+    field = DriveTallies(cells, above[:8], weight[:8], np.zeros(8))
     assert observed_cells(field, simulated) == cells[:1]
     assert observed_cells(field, replace(simulated, run=None)) == cells
+
+
+def test_what_is_the_same_in_all_runs_is_no_feature():
+    cells = (Cell(Channel.REPLAY, "residual_mps2", "following"), Cell(Channel.REPLAY, "residual_mps2", "in a jam"))
+    weight = np.ones((24, 2))
+    above = weight * (0.1 + 0.02 * np.random.default_rng(4).standard_normal(weight.shape))
+    above[:, 1] = 0.2
+    simulated = DriveTallies(cells, above, weight, np.zeros(24))
+    assert observed_cells(simulated.take(range(8)), simulated) == cells[:1]

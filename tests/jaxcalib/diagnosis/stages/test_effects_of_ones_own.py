@@ -228,7 +228,7 @@ def drives(tables: Sequence[DriveTable], features: DriveFeatures) -> DriveTallie
 def null(entered: None) -> Null:
     del entered
     human, subject = (ExpectedDrivers(each, STEP_S) for each in _classes(VALUES[1]))
-    features = DriveFeatures(ROAD, human, subject)
+    features = DriveFeatures(ROAD, human, subject, FRAME_S)
     made = platoons([VALUES] * NUM_NULL, [{}] * NUM_NULL, range(5000, 5000 + NUM_NULL))
     tables = [as_logged(table_of(platoon, STEP_S), LOG) for platoon in made]
     altered = {
@@ -239,7 +239,7 @@ def null(entered: None) -> Null:
             ],
             features,
         )
-        for name, strength in alterations_of(STEP_S)
+        for name, strength in alterations_of(STEP_S, FRAME_S)
         if registry.effect_named(name).is_sensor_s
     }
     engine = PlatoonEngine()
