@@ -34,9 +34,9 @@ class AcceptedGaps:
     follower_speed_mps: np.ndarray  # his speed
 
 
-def accepted_gaps(drives: Sequence[DriveLog], nominal_length_m: float, step_s: float) -> AcceptedGaps:
+def accepted_gaps(drives: Sequence[DriveLog], length_m: float, step_s: float) -> AcceptedGaps:
     """Return the gaps of all lane changes of background vehicles."""
-    found = [gap for drive in drives for gap in _gaps_of(dense_tracks(drive, step_s), nominal_length_m)]
+    found = [gap for drive in drives for gap in _gaps_of(dense_tracks(drive, step_s), length_m)]
     return AcceptedGaps(*np.asarray(found, float).reshape(len(found), 5).T)
 
 

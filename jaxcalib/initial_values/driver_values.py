@@ -56,22 +56,23 @@ def estimate_drivers(
     space: ParameterSpace,
     drives: Sequence[DriveLog],
     scenario_values: np.ndarray,
-    nominal_length_m: float,
     step_s: float,
     seed: int,
 ) -> DriverEstimate:
     """Estimate the driver parameters of one group of vTypes from logs.
+
+    Gaps are what the simulation's vehicles leave of the spacing in the logs: `minGap` has to make up for their length.
 
     Args:
         scenario: for the model and the speed limits.
         space: inputs, and driver parameters of that group.
         drives: logs that the calibration may use.
         scenario_values: the scenario's driver parameters.
-        nominal_length_m: length taken for every vehicle.
         step_s: length of a simulation step.
         seed: of random starts.
     """
     attributes, num_inputs = space.layout.attributes, space.layout.num_inputs
+    length_m = usual_length_m(scenario)
     values = np.array(scenario_values, float)
     unit_error = np.full(len(attributes), np.inf)
     source = ["scenario"] * len(attributes)
@@ -92,7 +93,7 @@ def estimate_drivers(
     fitted = [name for name in following_attributes(model) if name in attributes]
     chosen = np.asarray([num_inputs + attributes.index(name) for name in fitted], int)
     if fitted:
-        samples = following_samples(drives, nominal_length_m, step_s, num_steps)
+        samples = following_samples(drives, length_m, step_s, num_steps)
         num_samples = len(samples)
 
         def model_of(theta: Array) -> CarFollowingModel:
@@ -135,11 +136,18 @@ def estimate_drivers(
         fitted_model = base
         for index, name in enumerate(attributes):
             fitted_model = with_attribute(fitted_model, model, name, float(values[index]))
-        assertive = assertiveness(accepted_gaps(drives, nominal_length_m, step_s), fitted_model.car_following, step_s)
+        assertive = assertiveness(accepted_gaps(drives, length_m, step_s), fitted_model.car_following, step_s)
         one = space.ranges[num_inputs + attributes.index("lcAssertive")]
         error = assertive.logarithmic_error / np.log(one.upper / one.lower)
         note("lcAssertive", assertive.value, float(error), "accepted gaps")
     return DriverEstimate(values, unit_error, tuple(source), following, num_samples, tuple(fitted), replay_loss)
+
+
+def usual_length_m(scenario: Scenario) -> float:
+    """Return the length that half of the simulated vehicles do not exceed."""
+    flows = sorted(scenario.flows, key=lambda flow: scenario.values_of(flow.vtype)["length"])
+    number = np.cumsum([flow.rate_vehps * (min(flow.end_s, scenario.end_s) - flow.begin_s) for flow in flows])
+    return scenario.values_of(flows[int(np.searchsorted(number, 0.5 * number[-1]))].vtype)["length"]
 
 
 def is_believed(following: FollowingFit, lower: np.ndarray, upper: np.ndarray, num_steps: int) -> bool:

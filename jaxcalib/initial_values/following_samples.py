@@ -41,14 +41,12 @@ class FollowingSamples:
         return self.select(np.arange(0, len(self), max(1, len(self) // most)))
 
 
-def following_samples(
-    drives: Sequence[DriveLog], nominal_length_m: float, step_s: float, num_steps: int
-) -> FollowingSamples:
+def following_samples(drives: Sequence[DriveLog], length_m: float, step_s: float, num_steps: int) -> FollowingSamples:
     """Return all moments at which a background vehicle followed the same leader in the same lane throughout.
 
     Args:
         drives: logs.
-        nominal_length_m: length taken for every vehicle.
+        length_m: length taken for every vehicle.
         step_s: length of a step.
         num_steps: steps between the moment and the later one.
     """
@@ -56,7 +54,7 @@ def following_samples(
     num_vehicles = 0
     for index, drive in enumerate(drives):
         tracks = dense_tracks(drive, step_s)
-        part = _samples_of(tracks, nominal_length_m, step_s, num_steps)
+        part = _samples_of(tracks, length_m, step_s, num_steps)
         part["vehicle"] += num_vehicles
         part["drive"] = np.full(len(part["vehicle"]), index)
         num_vehicles += tracks.row.shape[1]

@@ -72,7 +72,6 @@ def find_initial_point(
         around_scenario.of_first_group(),
         [drive for drive in problem.drives if drive.role == "fit"],
         behaviour[: len(layout.attributes)],
-        problem.case.perception.nominal_length_m,
         problem.parts.scenario.step_s,
         seed,
     )

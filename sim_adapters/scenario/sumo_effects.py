@@ -220,7 +220,7 @@ def _platooned_arrivals(draft: Draft, setting: EffectSetting) -> None:
     total, within_s = rates.sum(), HEADWAY_S / num_lanes
     within = min(1.0, within_s * total)
     begin_s = min(flow.begin_s for flow in flows.values())
-    end_s = max(flow.end_s for flow in flows.values())
+    end_s = min(max(flow.end_s for flow in flows.values()), draft.scenario.end_s)  # files say a million seconds, too
     departures, time_s = [], begin_s
     while time_s < end_s:
         is_platoon = random.random() < setting.strength

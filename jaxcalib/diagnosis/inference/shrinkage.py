@@ -7,7 +7,8 @@ hardly vary without the effect.
 
 The floor is what chance makes of the gap of a perfect simulation. It comes from the drives to fit, by how far two
 halves of them differ: drives scatter farther than runs of a calibrated simulation, by a half in fields without any
-effect. Where there are too few, it comes from runs, with the effect where one was found.
+effect. Where there are too few, it comes from runs, with the effect where one was found. The fraction closed needs no
+floor but for the error of the simulations' means; see `crossed_gap`.
 
 Source: Mahalanobis (1936), Proc. Natl. Inst. Sci. India 2, 49-55, eq. 3.
 """
@@ -20,10 +21,10 @@ from scipy.linalg import solve_triangular
 
 from jaxcalib.diagnosis.features.features import DriveTallies
 from jaxcalib.diagnosis.features.noise import NullModel, on_cells
+from jaxcalib.diagnosis.inference.crossed_gap import Closed, fraction_closed
 from jaxcalib.diagnosis.runs.explained_runs import ExplainedRuns
 
 NUM_SETS = 400
-INTERVAL = (0.05, 0.95)
 FEWEST_DRIVES = 4
 NUM_SPLITS = 60
 
@@ -37,7 +38,7 @@ class Shrinkage:
     with_effect: float  # of that with the effect
     ceiling: float  # with all effects of the library at once, each as strong as the drives to fit ask for
     floor: float  # what chance alone makes of it
-    # share of the gap above the floor that the effect closes, at most 1; None where there is no such gap
+    # share of the gap that the effect closes, at most 1; None where there is no gap, or nothing was named
     fraction_closed: float | None
     interval_90: tuple[float, float] | None  # its interval; None where there is no gap
 
@@ -126,7 +127,8 @@ def measure_shrinkage(
             ("ceiling").
         random: for the floor.
         explained_runs: runs with the effect, for the chance that it brings; None where there are none.
-        fit_drives: tallies of the drives to fit, for the floor; None to take it from the runs.
+        fit_drives: tallies of the drives to fit, for the floor and the fraction closed; None to take the floor from
+            the runs, and to tell no fraction.
     """
     tallies = on_cells(held_out, null.cells)
     gap = Gap.of(null, None if explained_runs is None else explained_runs.deviation(null, len(tallies)))
@@ -135,34 +137,20 @@ def measure_shrinkage(
     gaps = {name: gap(remaining) for name, remaining in left.items()}
     runs = simulated if explained_runs is None else explained_runs.with_effect
     by_chance = differences_by_chance(runs, null, len(tallies), random)
-    chance = np.asarray([gap(drawn) for drawn in by_chance])
-    floor = float(chance.mean())
+    floor = float(np.mean([gap(drawn) for drawn in by_chance]))
     if fit_drives is not None:
         told = floor_of_drives(on_cells(fit_drives, null.cells), null, gap, len(tallies), runs.num_independent, random)
         floor = floor if told is None else told
-    by_chance, chance = by_chance * np.sqrt(floor / chance.mean()), chance * floor / chance.mean()
     recalibrated = gaps["recalibrated"]
     with_effect = gaps.get("with_effect", recalibrated)
     ceiling = min(gaps["ceiling"], with_effect)
-    fraction, interval = None, None
-    if "with_effect" in gaps and recalibrated > floor:
-        fraction = min((recalibrated - with_effect) / (recalibrated - floor), 1.0)
-        noise = gap.directions(by_chance.T).T
-        closed_by = gap.directions(left["recalibrated"] - left["with_effect"])
-        remaining = gap.directions(left["with_effect"]) * np.sqrt(max(with_effect - floor, 0.0) / with_effect)
-        closed = recalibrated - with_effect - 2.0 * (noise * closed_by).mean(axis=1)
-        excess = with_effect - chance - 2.0 * (noise * remaining).mean(axis=1)
-        interval = _interval(closed, excess, recalibrated - floor, fraction)
-    return Shrinkage(gaps.get("default"), recalibrated, with_effect, ceiling, floor, fraction, interval)
-
-
-def _interval(closed: np.ndarray, excess: np.ndarray, gap_above_floor: float, fraction: float) -> tuple[float, float]:
-    """Return the interval of the fraction closed, from sets of runs, whose noise stands for that of the drives.
-
-    The noise of each set, and its products with what the effect closes and leaves above chance, are taken off what was
-    seen. At least half of the gap above the floor is there.
-    """
-    excess = np.maximum(excess, 0.0)
-    shares = np.minimum(closed / np.maximum(closed + excess, 0.5 * gap_above_floor), 1.0)
-    low, high = np.quantile(shares, INTERVAL)
-    return float(min(low, fraction)), float(max(high, fraction))
+    closed = Closed(None, None)
+    shift = expected.get("with_effect")
+    if shift is not None and fit_drives is not None and expected["recalibrated"] is not None:
+        of_one = floor / (1.0 / len(tallies) + 1.0 / runs.num_independent)
+        shifts = (expected["recalibrated"], shift)
+        in_common = (of_one / simulated.num_independent, of_one / runs.num_independent)
+        closed = fraction_closed(tallies, on_cells(fit_drives, null.cells), null, gap.directions, shifts, in_common)
+    return Shrinkage(
+        gaps.get("default"), recalibrated, with_effect, ceiling, floor, closed.fraction, closed.interval_90
+    )

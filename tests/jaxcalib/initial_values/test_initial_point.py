@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ from jaxcalib.initial_values.demand_profile import (
     SectionVolumes,
     estimate_demand,
 )
-from jaxcalib.initial_values.driver_values import is_believed, steps_between_moments
+from jaxcalib.initial_values.driver_values import is_believed, steps_between_moments, usual_length_m
 from jaxcalib.initial_values.initial_point import InitialPoint, find_initial_point, without_driver_logs
 from jaxcalib.problem.problem import CalibrationProblem
 
@@ -258,3 +259,18 @@ def test_more_demand_is_not_believed_where_it_makes_the_volumes_less_alike(small
     assert len(asked_vehph) == 2
     np.testing.assert_allclose(found.values[:2], 0.5 * (asked_vehph[0] + asked_vehph[1]), rtol=0.01)
     assert (found.demand.error_vehph >= 0.49 * np.abs(asked_vehph[1] - asked_vehph[0])).all()
+
+
+def test_the_usual_length_is_that_of_most_vehicles() -> None:
+    lengths_m = {"car": 5.0, "van": 6.5, "truck": 12.0}
+
+    def flow(vtype: str, rate_vehps: float, end_s: float = 600.0) -> SimpleNamespace:
+        return SimpleNamespace(vtype=vtype, rate_vehps=rate_vehps, begin_s=0.0, end_s=end_s)
+
+    def usual_m(*flows: SimpleNamespace) -> float:
+        scenario = SimpleNamespace(flows=flows, end_s=600.0, values_of=lambda vtype: {"length": lengths_m[vtype]})
+        return usual_length_m(cast(Any, scenario))
+
+    assert usual_m(flow("truck", 0.2), flow("car", 0.3), flow("van", 0.05)) == 5.0
+    assert usual_m(flow("truck", 0.2, 1e6), flow("car", 0.3)) == 5.0  # what comes after the end does not count
+    assert usual_m(flow("truck", 0.2), flow("car", 0.1)) == 12.0

@@ -3,6 +3,7 @@
 import subprocess
 import xml.etree.ElementTree as ET
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -113,3 +114,11 @@ def test_plain_sumo_takes_all_of_them(write: Write, start_sumo: Callable[..., su
     written = write("all", **several)
     process = start_sumo(40.0, "ego", None, "-c", written.config, "--seed", "5")
     assert process.wait() == 0
+
+
+def test_platoons_come_no_longer_than_the_scenario_lasts(corridor: Scenario, layout: ParameterLayout, tmp_path: Path):
+    endless = replace(corridor, flows=tuple(replace(flow, end_s=6e6) for flow in corridor.flows))
+    effects = {"platooned_arrivals": EffectSetting(0.5)}
+    written = write_scenario(endless, layout, VALUES, DEPART_S, "ego", tmp_path, "run", effects=effects, seed=3)
+    departs_s = [float(one.get("depart", "")) for one in ET.parse(written.files[-1]).getroot().iter("vehicle")]
+    assert corridor.end_s - 60.0 < max(departs_s) < corridor.end_s + 60.0
