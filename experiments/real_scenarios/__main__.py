@@ -11,6 +11,7 @@ from rich.console import Console
 from rich.table import Table
 
 from experiments.real_scenarios.case_row import TRAFFIC_LEVEL_MEAN, CaseRow, run_case
+from experiments.real_scenarios.diagnoses import counted, diagnosed_rows
 from experiments.results.record import Row
 from experiments.results.record import record as keep
 from experiments.results.terminal import as_table
@@ -54,6 +55,25 @@ def real_scenarios(
         "the same command goes on where it stopped.",
         program="experiments.real_scenarios",
     )
+
+
+@app.command
+def diagnoses(runs: Path, /, *, record: Annotated[bool, Parameter(negative="")] = False) -> int:
+    """Say what diagnoses of such cases answer, whose logs hold no effect.
+
+    Parameters
+    ----------
+    runs
+        Folder with a RUN of `jaxcalib diagnose` for each case.
+    record
+        Keep the table in experiments/results.
+    """
+    rows, title = diagnosed_rows(runs), "Public scenarios without effects, diagnosed"
+    Console().print(as_table(rows, title))
+    Console().print(counted(rows))
+    if record:
+        keep("diagnosis", "public_roads", rows, title, [f"- {counted(rows)}"])
+    return 0
 
 
 def _study(folder: Path, out: Path, budget: float, only: Sequence[str], record: bool) -> str:
