@@ -13,11 +13,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cloudpickle  # values hold closures
+import numpy as np
 
 from jaxcalib.diagnosis.answer.answer import Diagnosis
 from jaxcalib.diagnosis.answer.conclusion import conclude
 from jaxcalib.diagnosis.answer.findings import Findings
 from jaxcalib.diagnosis.features.features import DriveTallies, gather_tallies
+from jaxcalib.diagnosis.features.noise import on_cells
 from jaxcalib.diagnosis.run import answer
 from jaxcalib.diagnosis.runs.finished_parts import FinishedParts
 from jaxcalib.diagnosis.runs.null_runs import fine_interval_s
@@ -67,17 +69,22 @@ class KeptCase:
         return answer(session, self.calibrated(session))
 
     def on_twin(self, twin: Path, session: DiagnosisSession, findings: Findings) -> Diagnosis:
-        """Return what the same fit says of the many more held-out drives of a twin."""
+        """Return what the same fit says of the drives that only a twin has.
+
+        One half of them is held out, the other stands for the drives to fit, whose noise is in the answer that is
+        judged by this.
+        """
         problem = read_problem(twin, as_stated=True)
         interval_s = fine_interval_s(problem)
-        drives = zip(problem.case.drives, problem.drives, strict=True)
-        held_out = [(stated.depart_s, drive) for stated, drive in drives if stated.role != "fit"]
+        drives = list(zip(problem.case.drives, problem.drives, strict=True))[len(session.problem.drives) :]
+        more = [(stated.depart_s, drive) for stated, drive in drives]
         baseline = simulate_null(session, self.calibrated(session)).baseline
-        tables = [drive_table(drive.frames(interval_s), interval_s) for _, drive in held_out]
+        tables = [drive_table(drive.frames(interval_s), interval_s) for _, drive in more]
         books = [baseline.features.of_table(table) for table in tables]
-        tallies = gather_tallies(books, [depart_s for depart_s, _ in held_out])
-        prepared = baseline.prepared(tallies)
-        return conclude(replace(findings, held_out=prepared))
+        tallies = gather_tallies(books, [depart_s for depart_s, _ in more])
+        half = np.arange(len(more)) < len(more) // 2  # departures repeat every few drives
+        stands_for_fit = replace(findings.fitted, tallies=on_cells(tallies.take(~half), findings.fitted.null.cells))
+        return conclude(replace(findings, held_out=baseline.prepared(tallies.take(half)), fitted=stands_for_fit))
 
 
 class ReadOnlyParts(FinishedParts):

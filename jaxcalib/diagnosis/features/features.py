@@ -112,6 +112,10 @@ class DriveTallies:
         run = None if self.run is None else self.run[drives]
         return DriveTallies(self.cells, self.above[drives], self.below[drives], self.depart_s[drives], run)
 
+    def without_each(self) -> list["DriveTallies"]:
+        """Return the drives without each of them in turn."""
+        return [self.take(np.delete(np.arange(len(self)), drive)) for drive in range(len(self))]
+
     def keep(self, features: np.ndarray) -> "DriveTallies":
         """Return some of the features."""
         cells = tuple(cell for cell, kept in zip(self.cells, features, strict=True) if kept)

@@ -64,8 +64,8 @@ def fraction_closed(
     if min(len(held_out), len(other)) < FEWEST_DRIVES:
         return Closed(fraction, None)
     parts = [
-        _jackknifed([gaps(some, other) for some in _without_each(held_out)]),
-        _jackknifed([gaps(held_out, some) for some in _without_each(other)]),
+        _jackknifed([gaps(some, other) for some in held_out.without_each()]),
+        _jackknifed([gaps(held_out, some) for some in other.without_each()]),
     ]
     # Welch-Satterthwaite, of the gap that is divided by
     variances, sizes = np.asarray([part[0, 0] for part in parts]), np.asarray([len(held_out), len(other)])
@@ -91,10 +91,6 @@ def ratio_interval(above: float, below: float, covariance: np.ndarray, width: fl
     middle = above * below - width**2 * both
     root = np.sqrt(max(middle**2 - square * (above**2 - width**2 * var_above), 0.0))
     return float((middle - root) / square), float((middle + root) / square)
-
-
-def _without_each(drives: DriveTallies) -> list[DriveTallies]:
-    return [drives.take(np.delete(np.arange(len(drives)), each)) for each in range(len(drives))]
 
 
 def _jackknifed(values: Sequence[np.ndarray]) -> np.ndarray:

@@ -99,9 +99,7 @@ def differences_of(drives: DriveTallies, null: NullModel, of_mean: float) -> np.
         of_mean: variance of its mean, in units of one drive's.
     """
     size, rows = len(drives), []
-    for some in [drives] + (
-        [drives.take(np.delete(np.arange(size), each)) for each in range(size)] if size > 1 else []
-    ):
+    for some in [drives, *(drives.without_each() if size > 1 else [])]:
         to_all = np.sqrt((1.0 / size + of_mean) / (1.0 / len(some) + of_mean))
         difference = null.standardised(some.values())
         is_shown = (some.below.sum(axis=0) > 0) & np.isfinite(difference)

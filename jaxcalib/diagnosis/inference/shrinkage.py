@@ -40,7 +40,7 @@ class Shrinkage:
     floor: float  # what chance alone makes of it
     # share of the gap that the effect closes, at most 1; None where there is no gap, or nothing was named
     fraction_closed: float | None
-    interval_90: tuple[float, float] | None  # its interval; None where there is no gap
+    interval_90: tuple[float, float] | None  # its interval; None where there is no fraction, or a single drive
 
 
 @dataclass(frozen=True)
