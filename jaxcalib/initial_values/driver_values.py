@@ -3,12 +3,15 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
 from jaxcalib.field.field_log import DriveLog
 from jaxcalib.initial_values.accepted_gaps import accepted_gaps, assertiveness
+from jaxcalib.initial_values.dawdling import dawdling_mps2, fit_beside_dawdling
 from jaxcalib.initial_values.following_fit import SCALES_MPS2, FollowingFit, fit_following, loss_of_pairs
+from jaxcalib.initial_values.following_loss import ModelOf, following_data
 from jaxcalib.initial_values.following_samples import FollowingSamples, following_samples
 from jaxcalib.problem.parameter_space import ParameterSpace
 from sim_adapters.scenario.scenario import Scenario
@@ -92,6 +95,7 @@ def estimate_drivers(
     num_steps = steps_between_moments(numbers, step_s)
     fitted = [name for name in following_attributes(model) if name in attributes]
     chosen = np.asarray([num_inputs + attributes.index(name) for name in fitted], int)
+    dawdled_mps2: float | None = None
     if fitted:
         samples = following_samples(drives, length_m, step_s, num_steps)
         num_samples = len(samples)
@@ -104,10 +108,26 @@ def estimate_drivers(
 
         if num_samples * step_s >= FEWEST_FOLLOWED_S:
             samples = samples.thin(MOST_SAMPLES // num_steps)
-            start = np.asarray([numbers[name] for name in fitted])
             lower, upper = space.lower[chosen], space.upper[chosen]
+            start = np.clip(np.asarray([numbers[name] for name in fitted]), lower, upper)
             limit = limits_at(scenario, samples)
-            following = fit_following(samples, limit, model_of, np.clip(start, lower, upper), lower, upper, seed)
+
+            def fit(model: ModelOf, names: list[int]) -> FollowingFit:
+                return fit_following(samples, limit, model, start[names], lower[names], upper[names], seed)
+
+            following = fit(model_of, list(range(len(fitted))))
+            if "sigma" in fitted and numbers["sigma"] > 0.0:
+                single = following_samples(drives, length_m, step_s, 1)
+                single = single.select(np.isin(single.vehicle, samples.vehicle))
+                calm = np.where(np.asarray(fitted) == "sigma", 0.0, following.values)
+                dawdled_mps2 = dawdling_mps2(
+                    single,
+                    following_data(single, limits_at(scenario, single)),
+                    model_of(jnp.asarray(calm)),
+                    following.speed_factor[np.isin(np.unique(samples.vehicle), single.vehicle)],
+                )
+                if dawdled_mps2 is not None:
+                    following = fit_beside_dawdling(fit, model_of, fitted, dawdled_mps2, numbers["accel"])
             if is_believed(following, lower, upper, num_steps):
                 replay_loss = loss_of_pairs(samples, limit, model_of, following)
     if following is not None and replay_loss is not None:
@@ -116,7 +136,7 @@ def estimate_drivers(
         slope = space.slope_of(found)[chosen]
         for index, name in enumerate(fitted):
             error = following.error[index] / abs(slope[index]) + _model_error(following.explained_share)
-            if num_steps > 1 and name in ("accel", "sigma"):
+            if (num_steps > 1 or dawdled_mps2 is not None) and name in ("accel", "sigma"):
                 error = np.hypot(error, DAWDLING_ERROR)
             note(name, following.values[index], error, "leader-follower pairs")
         clear = following.speed_factor_error < CLEAR_SPEED_FACTOR_ERROR
