@@ -68,11 +68,12 @@ def _parts(file: Path, element: ET.Element, begins_s: tuple[float, ...]) -> list
         part.attrib.pop("end", None)
         if last_s < NEVER_S:
             part.set("end", repr(last_s))
-        if part.attrib.pop("number", None) is not None and not _has_rate(part):
+        if part.attrib.pop("number", None) is not None and not has_rate(part):
             part.set("vehsPerHour", repr(whole.vehps * SECONDS_PER_HOUR))
         parts.append(part)
     return parts
 
 
-def _has_rate(element: ET.Element) -> bool:
+def has_rate(element: ET.Element) -> bool:
+    """Return whether a flow says how many vehicles come in a time."""
     return any(element.get(key) for key in ("period", "probability", "poisson", *HOURLY))

@@ -1,14 +1,16 @@
 """More or fewer vehicles in a file of SUMO's: rates of flows, and single vehicles left out or doubled."""
 
 import math
+import random
 import re
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
 from copy import deepcopy
+from pathlib import Path
 
-from sim_adapters.scenario.demand_elements import HOURLY
+from sim_adapters.scenario.demand_elements import HOURLY, NEVER_S, rate_of
 from sim_adapters.scenario.demand_file import vehicles_id
-from sim_adapters.scenario.demand_windows import Windows, id_at
+from sim_adapters.scenario.demand_windows import Windows, has_rate, id_at
 from sim_adapters.scenario.times import read_time_s
 
 MOST_PROBABILITY = 1.0  # of a flow's vehicle in a second; SUMO takes no more
@@ -19,13 +21,13 @@ def scale_flow(element: ET.Element, factor: float) -> None:
     """Multiply a flow's rate, in whichever attribute it stands."""
     factor = float(factor)  # NumPy's numbers write their type as well
     period = (element.get("period") or "").strip()
-    random = re.fullmatch(r"exp\(([^)]*)\)", period)
+    exponential = re.fullmatch(r"exp\(([^)]*)\)", period)
     hourly = next((key for key in HOURLY if element.get(key)), None)
     probability = element.get("probability")
-    if element.get("number") and (random or period or hourly or probability or element.get("poisson")):
+    if element.get("number") and (exponential or period or hourly or probability or element.get("poisson")):
         element.set("number", str(round(float(element.get("number", "0")) * factor)))
-    if random:
-        element.set("period", f"exp({float(random.group(1)) * factor!r})")
+    if exponential:
+        element.set("period", f"exp({float(exponential.group(1)) * factor!r})")
     elif element.get("poisson"):
         element.set("poisson", repr(float(element.get("poisson", "0")) * factor))
     elif period:
@@ -41,6 +43,31 @@ def scale_flow(element: ET.Element, factor: float) -> None:
             element.set("probability", repr(rate))
     elif element.get("number"):
         element.set("number", str(round(float(element.get("number", "0")) * factor)))
+
+
+def draw_phase(file: Path, element: ET.Element, seed: int) -> None:
+    """Let a flow whose vehicles come at equal intervals begin anywhere within the first of them.
+
+    Whom a drive meets on a road with little traffic depends on that phase, and the phase at the drive's time on each
+    digit of the inflow: hours after its begin no log tells it.
+
+    Args:
+        file: where it stands, for messages.
+        element: the flow; others than those at equal intervals, and one that would end before, stay as they are.
+        seed: of the run.
+
+    Raises:
+        ScenarioError: a rate or time of the flow cannot be read.
+    """
+    rate = rate_of(file, element, 0.0, NEVER_S) if element.get("end") or has_rate(element) else None
+    if rate is None or not rate.is_regular or rate.vehps <= 0.0:
+        return
+    shift_s = random.Random(f"{seed} {element.get('id')}").random() / rate.vehps
+    if rate.begin_s + shift_s >= rate.end_s:
+        return
+    element.set("begin", repr(rate.begin_s + shift_s))
+    if not has_rate(element):  # the window stretches a number of vehicles to its rate
+        element.set("end", repr(rate.end_s + shift_s))
 
 
 def scale_vehicles(

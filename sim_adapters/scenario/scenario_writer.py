@@ -15,7 +15,7 @@ from pathlib import Path
 from sim_adapters.interface import ParameterLayout
 from sim_adapters.scenario.demand_elements import DEFAULT_VTYPE
 from sim_adapters.scenario.demand_windows import cut_flows
-from sim_adapters.scenario.scaled_demand import scale_flow, scale_vehicles
+from sim_adapters.scenario.scaled_demand import draw_phase, scale_flow, scale_vehicles
 from sim_adapters.scenario.scenario import Scenario
 from sim_adapters.scenario.scenario_files import without_outputs
 from sim_adapters.scenario.sumo_effects import Draft, put_into
@@ -50,6 +50,7 @@ def write_scenario(
     head: str = "",
     effects: Mapping[str, EffectSetting] | None = None,
     seed: int = 0,
+    draws_phases: bool = False,
 ) -> WrittenScenario:
     """Write a scenario.
 
@@ -65,7 +66,8 @@ def write_scenario(
         comments: a line for each driver parameter, at the top of the file with the vTypes.
         head: comment at the top of the configuration.
         effects: unmodelled effects to put in.
-        seed: of what effects draw.
+        seed: of what effects draw, and phases.
+        draws_phases: whether vehicles that come at equal intervals begin anywhere within the first, see `draw_phase`.
 
     Returns:
         The files written.
@@ -93,6 +95,8 @@ def write_scenario(
                     _set_attributes(vtype, layout.values_of(vtype.get("id", ""), behaviour))
             if element.tag == "flow" and element.get("id") in factors:
                 scale_flow(element, factors[element.get("id", "")])
+                if draws_phases:
+                    draw_phase(source, element, seed)
             is_subject = element.get("id") == subject_vehicle and element.tag in ("vehicle", "trip")
             for one in _subjects(element, departs_s) if is_subject else [element]:
                 file_of[id(one)] = number

@@ -72,6 +72,7 @@ class SumoSimulator:
         control: Callable[[RunRequest], SubjectControl | None] = lambda request: None,
         distant: DistantTypes | None = None,
         workers: SumoWorkers | None = None,
+        draws_phases: bool = False,
     ) -> None:
         """Prepare runs; processes start with the first.
 
@@ -90,6 +91,7 @@ class SumoSimulator:
             control: how to drive the subject vehicle in a run; SUMO drives it unless given.
             distant: which vehicles follow by another vType beyond the sensors' range.
             workers: who makes the runs, and outlives this; processes of its own unless given.
+            draws_phases: whether flows at equal intervals have another phase in each run (`draw_phase`).
 
         Raises:
             ValueError: frames are no whole number of steps apart.
@@ -108,6 +110,7 @@ class SumoSimulator:
         self._counter = counter
         self._control = control
         self._distant = distant
+        self._draws_phases = draws_phases
         self._own_workers = None
         if workers is None:
             workers = self._own_workers = LocalWorkers(num_processes, longest_run_s, scratch)
@@ -178,7 +181,7 @@ class SumoSimulator:
             raise ValueError("Expected one subject vehicle where SUMO is told how it, or who is far from it, drives.")
         written = write_scenario(
             self._scenario, self._layout, request.values, departs_s, self._subject_vehicle, folder, "run",
-            effects=request.effects, seed=request.seed,
+            effects=request.effects, seed=request.seed, draws_phases=self._draws_phases,
         )  # fmt: skip
         return SumoJob(
             config=written.config,
