@@ -10,6 +10,7 @@ from jaxtyping import Array
 from jaxcalib.field.field_log import DriveLog
 from jaxcalib.initial_values.accepted_gaps import accepted_gaps, assertiveness
 from jaxcalib.initial_values.dawdling import dawdling_mps2, fit_beside_dawdling
+from jaxcalib.initial_values.desired_speeds import DesiredSpeeds, desired_speeds
 from jaxcalib.initial_values.following_fit import SCALES_MPS2, FollowingFit, fit_following, loss_of_pairs
 from jaxcalib.initial_values.following_loss import ModelOf, following_data
 from jaxcalib.initial_values.following_samples import FollowingSamples, following_samples
@@ -22,7 +23,6 @@ MOST_SAMPLES = 100_000
 FEWEST_FOLLOWED_S = 200.0
 NOISE_MPS2 = 2.0 * SCALES_MPS2[-1]  # of the mean acceleration between two moments, within which a model explains them
 LONGEST_SPAN_S = 4.0
-FEWEST_DRIVERS = 30
 LEAST_EXPLAINED_SHARE = 0.25  # below it the model does not describe these drivers, and its fit says nothing
 LEAST_OF_MEANS = 0.5  # the same of accelerations averaged over several steps, from which most noise is gone
 AT_BOUND = 0.005  # of the range
@@ -31,11 +31,8 @@ LEAST_ERROR = 0.002  # of the unit range
 UNEXPLAINED_ERROR = 0.02  # of the unit range, where as many moments stay unexplained as are explained
 SPEED_FACTOR_ERROR = 0.02  # drivers as fast as the subject vehicle are met less often than others
 SPEED_DEVIATION_ERROR = 0.01
-# Of drivers who dawdle: they seem to want no more than their leader has (6 to 11 % too low on four public scenarios
-# whose drivers are known), and the same mean acceleration follows from more of accel and of sigma.
-DAWDLING_SPEED_FACTOR_ERROR = 0.08
+DAWDLING_SPEED_FACTOR_ERROR = 0.06  # of drivers who dawdle: 0.03 too low and 0.10 too high on two public roads
 DAWDLING_ERROR = 0.05  # of the unit range, of accel and sigma
-CLEAR_SPEED_FACTOR_ERROR = 0.03
 
 
 @dataclass(frozen=True)
@@ -96,6 +93,7 @@ def estimate_drivers(
     fitted = [name for name in following_attributes(model) if name in attributes]
     chosen = np.asarray([num_inputs + attributes.index(name) for name in fitted], int)
     dawdled_mps2: float | None = None
+    wanted: DesiredSpeeds | None = None
     if fitted:
         samples = following_samples(drives, length_m, step_s, num_steps)
         num_samples = len(samples)
@@ -130,6 +128,7 @@ def estimate_drivers(
                     following = fit_beside_dawdling(fit, model_of, fitted, dawdled_mps2, numbers["accel"])
             if is_believed(following, lower, upper, num_steps):
                 replay_loss = loss_of_pairs(samples, limit, model_of, following)
+                wanted = desired_speeds(following, samples, limit, seed)
     if following is not None and replay_loss is not None:
         found = np.concatenate([space.lower[:num_inputs], values])
         found[chosen] = np.clip(following.values, space.lower[chosen], space.upper[chosen])
@@ -139,19 +138,15 @@ def estimate_drivers(
             if (num_steps > 1 or dawdled_mps2 is not None) and name in ("accel", "sigma"):
                 error = np.hypot(error, DAWDLING_ERROR)
             note(name, following.values[index], error, "leader-follower pairs")
-        clear = following.speed_factor_error < CLEAR_SPEED_FACTOR_ERROR
-        if clear.sum() >= FEWEST_DRIVERS:
-            factor = following.speed_factor[clear]
-            center = float(np.median(factor))
-            spread = float(np.subtract(*np.quantile(factor, [0.75, 0.25])) / 1.349)
+        if wanted is not None:
             least = DAWDLING_SPEED_FACTOR_ERROR if num_steps > 1 else SPEED_FACTOR_ERROR
             for name, value, error in (
-                ("speedFactor", center, least + spread / np.sqrt(clear.sum())),
-                ("speedDev", spread, SPEED_DEVIATION_ERROR + spread / np.sqrt(2 * clear.sum())),
+                ("speedFactor", wanted.mean, np.hypot(least, wanted.mean_error)),
+                ("speedDev", wanted.deviation, np.hypot(SPEED_DEVIATION_ERROR, wanted.deviation_error)),
             ):
                 if name in attributes:
                     one = space.ranges[num_inputs + attributes.index(name)]
-                    note(name, value, error / (one.upper - one.lower), "desired speeds in leader-follower pairs")
+                    note(name, value, float(error) / (one.upper - one.lower), "desired speeds in leader-follower pairs")
     if "lcAssertive" in attributes:
         fitted_model = base
         for index, name in enumerate(attributes):

@@ -17,7 +17,13 @@ from jaxtyping import Array
 from scipy.optimize import differential_evolution
 from scipy.stats.qmc import LatinHypercube
 
-from jaxcalib.initial_values.following_loss import FollowingData, ModelOf, following_data, mean_loss
+from jaxcalib.initial_values.following_loss import (
+    FollowingData,
+    ModelOf,
+    following_data,
+    least_rise,
+    mean_loss,
+)
 from jaxcalib.initial_values.following_newton import anneal, best_factors, newton_step
 from jaxcalib.initial_values.following_samples import FollowingSamples
 
@@ -50,6 +56,9 @@ class FollowingFit:
     error: np.ndarray  # standard error of each, from the scatter between drives; inf where the pairs show nothing
     speed_factor: np.ndarray  # desired speed over limit of each vehicle
     speed_factor_error: np.ndarray  # its standard error
+    # by how much the loss of a vehicle's moments, summed, rises at least where its driver wants more; moments whose
+    # spans overlap count once. Nothing where his leader holds him back
+    speed_factor_rise: np.ndarray
     explained_share: float  # share of moments that the model explains to within two of the last scales
     loss: float  # mean loss at the last scale, between 0 and 1
 
@@ -90,6 +99,9 @@ def fit_following(
         error=np.where(scan.is_flat(values), np.inf, scan.errors(values)),
         speed_factor=np.asarray(moved.factor, float),
         speed_factor_error=1.0 / np.sqrt(np.maximum(np.asarray(last.factor_information, float), 1e-12)),
+        speed_factor_rise=np.asarray(
+            least_rise(model_of(jnp.asarray(values, jnp.float32)), moved.factor, data, SCALES_MPS2[-1]), float
+        ),
         explained_share=float(last.explained_share),
         loss=loss,
     )

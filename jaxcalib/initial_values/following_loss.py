@@ -14,6 +14,7 @@ from surrogate.vehicle.car_following_model import CarFollowingModel
 
 CHANGE_BORDERS_MPS2 = (0.06, 0.15, 0.3, 0.6, 1.2)
 GREATEST_BALANCE = 100.0
+HIGHER_FACTORS = (0.04, 0.08, 0.15, 0.3)  # by which a driver may want more than seems
 
 Theta = Float[Array, " parameter"]
 ModelOf = Callable[[Theta], CarFollowingModel]
@@ -101,6 +102,30 @@ def mean_loss(
     """Return the mean loss under the given weights of the samples."""
     error = residual(model, factor[data.vehicle], data)
     return jnp.sum(weight * forgiving(error, scale)) / jnp.sum(weight)
+
+
+@eqx.filter_jit
+def least_rise(
+    model: CarFollowingModel, factor: Float[Array, " vehicle"], data: FollowingData, scale: float
+) -> Float[Array, " vehicle"]:
+    """Return by how much each vehicle's loss rises at least if its driver wants more than what explains him best.
+
+    Losses are summed over moments, of which those whose spans overlap count as one. Where a leader holds the driver
+    back it does not rise: whatever he wants beyond that explains him as well.
+
+    Args:
+        model: the drivers.
+        factor: desired speed over limit of each vehicle that explains it best.
+        data: the samples.
+        scale: of the loss, in m/s².
+    """
+
+    def loss(more: Float[Array, ""]) -> Float[Array, " vehicle"]:
+        error = residual(model, (factor + more)[data.vehicle], data)
+        return data.per_vehicle(forgiving(error, scale)) / data.leader_speed_mps.shape[0]
+
+    losses = jax.lax.map(loss, jnp.asarray((0.0, *HIGHER_FACTORS), jnp.float32))
+    return jnp.min(losses[1:] - losses[0], axis=0)
 
 
 def _balance(samples: FollowingSamples) -> np.ndarray:

@@ -86,7 +86,7 @@ def fit_of(names: tuple[str, ...], values: list[float], errors: list[float]) -> 
     def fit(model_of, others: list[int]) -> FollowingFit:
         assert [names[index] for index in others] == [name for name in names if name != "sigma"]
         seen.append(model_of(jnp.asarray(values)))
-        return FollowingFit(np.asarray(values), np.asarray(errors), np.ones(2), np.ones(2), 0.9, 0.1)
+        return FollowingFit(np.asarray(values), np.asarray(errors), np.ones(2), np.ones(2), np.ones(2), 0.9, 0.1)
 
     values_as_model = cast(ModelOf, lambda theta: theta)
     found = fit_beside_dawdling(fit, values_as_model, names, 0.9, 1.5)
