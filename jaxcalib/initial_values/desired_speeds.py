@@ -12,7 +12,7 @@ from jaxcalib.initial_values.following_samples import FollowingSamples
 CLEAR_ERROR = 0.03  # of the desired speed over the limit
 CLEAR_RISE = 2.0  # of a driver's loss if he wanted more: that of two standard errors
 FEWEST_CLEAR = 10
-NUM_RESAMPLES = 60
+NUM_RESAMPLES = 40
 
 
 @dataclass(frozen=True)
@@ -48,20 +48,20 @@ def desired_speeds(
     driven = np.zeros(len(fit.speed_factor))
     np.maximum.at(driven, vehicle, np.maximum(samples.speed_mps, samples.later_speed_mps) / limit_mps)
     is_clear = (fit.speed_factor_error < CLEAR_ERROR) & (fit.speed_factor_rise > CLEAR_RISE)
-    if is_clear.sum() < FEWEST_CLEAR:
+    if np.unique(fit.speed_factor[is_clear]).size < FEWEST_CLEAR:
         return None
     shown = np.where(is_clear, fit.speed_factor, driven)
+    mean, deviation = _fitted(shown, is_clear, float(np.mean(shown)), float(np.std(shown)))
     random = np.random.default_rng(seed)
     drawn = []
     while len(drawn) < NUM_RESAMPLES:
         chosen = random.integers(0, len(shown), len(shown))
         if np.unique(shown[chosen][is_clear[chosen]]).size > 1:
-            drawn.append(_fitted(shown[chosen], is_clear[chosen]))
-    mean, deviation = _fitted(shown, is_clear)
+            drawn.append(_fitted(shown[chosen], is_clear[chosen], mean, deviation))
     mean_error, deviation_error = np.std(drawn, axis=0, ddof=1)
     return DesiredSpeeds(mean, float(mean_error), deviation, float(deviation_error))
 
 
-def _fitted(shown: np.ndarray, is_clear: np.ndarray) -> tuple[float, float]:
-    mean, deviation = norm.fit(CensoredData.right_censored(shown, ~is_clear))
+def _fitted(shown: np.ndarray, is_clear: np.ndarray, near: float, spread: float) -> tuple[float, float]:
+    mean, deviation = norm.fit(CensoredData.right_censored(shown, ~is_clear), loc=near, scale=spread)
     return float(mean), float(deviation)

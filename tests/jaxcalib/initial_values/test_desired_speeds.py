@@ -43,8 +43,8 @@ def estimated(wanted: np.ndarray, leaders: np.ndarray) -> tuple[DesiredSpeeds | 
 @pytest.mark.parametrize("of_leaders", [0.8, 0.95, 1.3])
 def test_however_many_are_held_back_all_drivers_are_found(of_leaders: float) -> None:
     random = np.random.default_rng(11)
-    wanted = random.normal(MEAN, DEVIATION, 400)
-    found, shows = estimated(wanted, random.normal(of_leaders, 0.1, 400))
+    wanted = random.normal(MEAN, DEVIATION, 250)
+    found, shows = estimated(wanted, random.normal(of_leaders, 0.1, 250))
     assert found is not None
     assert abs(found.mean - MEAN) < 3.0 * found.mean_error < 0.08
     assert abs(found.deviation - DEVIATION) < 3.0 * found.deviation_error < 0.08
@@ -52,17 +52,19 @@ def test_however_many_are_held_back_all_drivers_are_found(of_leaders: float) -> 
         assert np.median(wanted[shows]) < MEAN - 4.0 * found.mean_error
 
 
+@pytest.mark.long
 def test_errors_are_those_of_repetitions() -> None:
     random = np.random.default_rng(5)
-    found = [estimated(random.normal(MEAN, DEVIATION, 80), random.normal(0.95, 0.1, 80))[0] for _ in range(40)]
+    found = [estimated(random.normal(MEAN, DEVIATION, 80), random.normal(0.95, 0.1, 80))[0] for _ in range(16)]
     means = [one.mean for one in found if one is not None]
     told = np.mean([one.mean_error for one in found if one is not None])
-    assert np.std(means) == pytest.approx(told, rel=0.35)
+    assert np.std(means) == pytest.approx(told, rel=0.5)
 
 
 def test_where_hardly_anybody_shows_what_he_wants_nothing_is_said() -> None:
     wanted = np.linspace(0.8, 1.1, 60)
     assert estimated(wanted, np.where(np.arange(60) < 9, 2.0, 0.5))[0] is None
+    assert estimated(np.full(60, 0.9), np.full(60, 2.0))[0] is None
 
 
 def test_the_loss_rises_for_those_alone_who_drive_what_they_want() -> None:
