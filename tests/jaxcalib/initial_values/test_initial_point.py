@@ -17,7 +17,8 @@ from jaxcalib.initial_values.demand_profile import (
     SectionVolumes,
     estimate_demand,
 )
-from jaxcalib.initial_values.driver_values import is_believed, steps_between_moments, usual_length_m
+from jaxcalib.initial_values.driver_values import usual_length_m
+from jaxcalib.initial_values.fitted_pairs import is_believed, steps_between_moments
 from jaxcalib.initial_values.initial_point import InitialPoint, find_initial_point, without_driver_logs
 from jaxcalib.problem.problem import CalibrationProblem
 
