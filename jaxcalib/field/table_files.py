@@ -9,7 +9,7 @@ import gzip
 import io
 import re
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
@@ -182,12 +182,30 @@ def _read_csv(file: Path, columns: Mapping[str, Kind], limit: SizeLimit) -> tupl
 
 def _joined(file: Path, batches: pyarrow.csv.CSVStreamingReader, limit: SizeLimit) -> pa.Table:
     """Return a table of pieces that are read one by one; a short text may say many numbers."""
-    read, unpacked_bytes = [], 0
-    for batch in batches:
-        unpacked_bytes += batch.nbytes
+
+    def check(batch: pa.RecordBatch, unpacked_bytes: int) -> None:
+        del batch
         _check_bytes(file, unpacked_bytes, limit)
-        read.append(batch)
-    return pa.Table.from_batches(read, batches.schema)
+
+    return pa.Table.from_batches(_pieces(batches, check), batches.schema)
+
+
+def _pieces(batches: Iterable[pa.RecordBatch], check: Callable[[pa.RecordBatch, int], None]) -> list[pa.RecordBatch]:
+    """Return the pieces of a file, each checked together with the bytes that are unpacked by then.
+
+    After an error nothing of them is left: who keeps the error keeps its frames, and would keep half a gigabyte.
+    """
+    read: list[pa.RecordBatch] = []
+    unpacked_bytes = 0
+    try:
+        for batch in batches:
+            unpacked_bytes += batch.nbytes
+            check(batch, unpacked_bytes)
+            read.append(batch)
+    except CaseError:
+        read.clear()
+        raise
+    return read
 
 
 def _csv_header(file: Path, columns: Mapping[str, Kind], limit: SizeLimit) -> list[str]:
@@ -252,17 +270,18 @@ def _read_parquet(file: Path, columns: Mapping[str, Kind], limit: SizeLimit) -> 
 
 def _read_batches(file: Path, columns: list[str], texts: list[str], limit: SizeLimit) -> pa.Table:
     """Read a file piece by piece; texts stay dictionaries, for those may be large once and small in memory."""
-    batches, unpacked_bytes, packed_bytes = [], 0, file.stat().st_size
+    packed_bytes = file.stat().st_size
+
+    def check(batch: pa.RecordBatch, unpacked_bytes: int) -> None:
+        _check_size(file, packed_bytes, unpacked_bytes, limit)
+        for column in texts:
+            _check_words(file, column, batch.column(column))
+
     with pyarrow.parquet.ParquetFile(file, read_dictionary=texts) as parquet:
         # what is said of numbers is enough to refuse a file by; nothing is read for it
         numbers_bytes = parquet.metadata.num_rows * np.dtype(float).itemsize * (len(columns) - len(texts))
         _check_size(file, packed_bytes, numbers_bytes, limit)
-        for batch in parquet.iter_batches(batch_size=1 << 16, columns=columns, use_threads=False):
-            unpacked_bytes += batch.nbytes
-            _check_size(file, packed_bytes, unpacked_bytes, limit)
-            for column in texts:
-                _check_words(file, column, batch.column(column))
-            batches.append(batch)
+        batches = _pieces(parquet.iter_batches(batch_size=1 << 16, columns=columns, use_threads=False), check)
         return pa.Table.from_batches(batches, schema=None if batches else parquet.schema_arrow)
 
 

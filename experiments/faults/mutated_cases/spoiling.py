@@ -2,6 +2,7 @@
 
 import shutil
 import xml.etree.ElementTree as ET
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -85,7 +86,7 @@ def _spoil(file: Path, kind: str, chance: np.random.Generator) -> str:
             file.write_text("\n".join(lines) + "\n", encoding="utf-8")
             return words
         return _spoil_xml(file, chance)
-    except (OSError, ValueError, KeyError, IndexError, ET.ParseError):
+    except (OSError, EOFError, zlib.error, ValueError, KeyError, IndexError, ET.ParseError):
         # a file that an earlier mutation has spoilt has no form any more
         return BYTE_MUTATIONS["flipped"](file, chance)
 

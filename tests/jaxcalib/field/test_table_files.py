@@ -157,6 +157,18 @@ def test_refuses_a_short_text_that_says_too_many_numbers(tmp_path: Path):
     assert read_columns(write(tmp_path, content), COLUMNS).num_rows == 400_000
 
 
+def test_nothing_of_a_refused_file_stays_with_the_error(tmp_path: Path):
+    """A check keeps its errors until all logs are read."""
+    before = pa.total_allocated_bytes()
+    file = write(tmp_path, b"time_s,id,x_m\n" + b"1,,2\n" * 3_000_000)
+    with pytest.raises(CaseError) as error:
+        read_columns(file, COLUMNS, SizeLimit(unpacked_bytes=40_000_000))
+    assert (
+        pa.total_allocated_bytes() - before < 20_000_000
+    )  # of forty million that were read; the reader itself has eight
+    assert error.value.__traceback__ is not None
+
+
 def test_refuses_a_parquet_bomb(tmp_path: Path):
     """One value repeated a million times takes almost no place in the file."""
     num_rows = 1_000_000

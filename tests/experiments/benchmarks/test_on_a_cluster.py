@@ -1,0 +1,53 @@
+"""SUMO's part of a command on half of the cores, and on a cluster with a worker on each of them."""
+
+import contextlib
+import json
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from experiments.benchmarks import on_a_cluster
+from experiments.benchmarks.on_a_cluster import bound_to, measure_on_a_cluster
+
+CORES = sorted(os.sched_getaffinity(0))
+
+
+def test_cores_are_given_back_whatever_happens() -> None:
+    def fail() -> None:
+        with bound_to({CORES[0]}):
+            assert os.sched_getaffinity(0) == {CORES[0]}
+            raise ValueError("of its own")
+
+    with pytest.raises(ValueError, match="of its own"):
+        fail()
+    assert sorted(os.sched_getaffinity(0)) == CORES
+
+
+@pytest.mark.skipif(len(CORES) < 2, reason="needs two cores: the user's, and one more")
+def test_the_ratio_is_that_of_the_times_in_which_the_command_waits_for_sumo(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[tuple[str, set[int]]] = []
+
+    def jaxcalib(name: str, *arguments: Any) -> None:
+        asked.append((name, os.sched_getaffinity(0)))
+        if name == "validate":
+            out = Path(arguments[3])
+            waited_s = 30.0 if "--cluster" in arguments else 50.0
+            out.mkdir()
+            said = {"profile": {"this_thread_s": {"waiting for SUMO": waited_s}}, "criteria": [{"passes": True}]}
+            (out / "validation.json").write_text(json.dumps(said))
+
+    @contextlib.contextmanager
+    def cluster(cores: list[int], folder: Path) -> Iterator[str]:
+        del cores, folder
+        yield "tcp://127.0.0.1:8786"
+
+    monkeypatch.setattr(on_a_cluster, "_jaxcalib", jaxcalib)
+    monkeypatch.setattr(on_a_cluster, "cluster", cluster)
+    found = measure_on_a_cluster(Path("corridor"), 3)
+    assert found["ratio"] == pytest.approx(0.6)
+    assert found["same_verdicts"]
+    half = set(CORES[: len(CORES) // 2])
+    assert asked == [("calibrate", set(CORES)), ("validate", half), ("validate", half)]
