@@ -26,9 +26,16 @@ def test_cores_are_given_back_whatever_happens() -> None:
     assert sorted(os.sched_getaffinity(0)) == CORES
 
 
-@pytest.mark.skipif(len(CORES) < 2, reason="needs two cores: the user's, and one more")
 def test_the_ratio_is_that_of_the_times_in_which_the_command_waits_for_sumo(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[tuple[str, set[int]]] = []
+    cores = {3, 5, 6}  # as if this process had them
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: set(cores))
+
+    def bind(_: int, to: set[int]) -> None:
+        cores.clear()
+        cores.update(to)
+
+    monkeypatch.setattr(os, "sched_setaffinity", bind)
 
     def jaxcalib(name: str, *arguments: Any) -> None:
         asked.append((name, os.sched_getaffinity(0)))
@@ -49,5 +56,5 @@ def test_the_ratio_is_that_of_the_times_in_which_the_command_waits_for_sumo(monk
     found = measure_on_a_cluster(Path("corridor"), 3)
     assert found["ratio"] == pytest.approx(0.6)
     assert found["same_verdicts"]
-    half = set(CORES[: len(CORES) // 2])
-    assert asked == [("calibrate", set(CORES)), ("validate", half), ("validate", half)]
+    assert asked == [("calibrate", {3, 5, 6}), ("validate", {3}), ("validate", {3})]
+    assert found["workers"] == 3
