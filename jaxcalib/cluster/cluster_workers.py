@@ -16,6 +16,7 @@ from jaxcalib.cluster import at_worker
 from jaxcalib.cluster.archive import packed
 from jaxcalib.cluster.connection import Cluster, Ended
 from jaxcalib.runs.run_folder import identify_program
+from sim_adapters.activity import Activity, doing
 from sim_adapters.sumo.job import SumoRun
 from sim_adapters.sumo.workers import WriteRun
 
@@ -34,7 +35,8 @@ class ClusterRun:
         Raises:
             ResourceError, CaseError: as `Cluster.next_of` and `Cluster.result_of`; they say nothing of the run.
         """
-        task = self._cluster.next_of(self._ended)
+        with doing(Activity.WAITING):
+            task = self._cluster.next_of(self._ended)
         self._task = None
         return self._cluster.result_of(task, self._name)
 
