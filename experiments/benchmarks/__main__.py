@@ -9,6 +9,7 @@ from cyclopts import App, Parameter
 from rich.console import Console
 
 from experiments.benchmarks.commands import measure_calibrate, measure_diagnose, measure_sweep
+from experiments.benchmarks.on_a_cluster import measure_on_a_cluster
 from experiments.benchmarks.throughput import CASE, measure_throughput
 from experiments.results.record import append
 
@@ -17,6 +18,10 @@ BENCHMARKS: Mapping[str, tuple[Callable[[Path], dict[str, Any]], str]] = {
     "calibrate": (measure_calibrate, "`jaxcalib calibrate`, the whole command, programs compiled anew"),
     "diagnose": (measure_diagnose, "`jaxcalib diagnose`, the whole command, programs compiled anew"),
     "sweep": (measure_sweep, "`jaxcalib sweep` with 2,048 runs of the surrogate, programs compiled anew"),
+    "cluster": (
+        measure_on_a_cluster,
+        "SUMO's part of `jaxcalib validate`, half of the cores and a cluster of them all",
+    ),
     "throughput": (lambda case: measure_throughput(case, SETS, ROUNDS), "Vehicle-steps per second of both simulators"),
 }
 app = App(name="experiments.benchmarks", help="What a user waits for.")
@@ -33,7 +38,7 @@ def run(
     Parameters
     ----------
     names
-        Which of them: calibrate, diagnose, sweep, throughput; all unless given.
+        Which of them: calibrate, diagnose, sweep, cluster, throughput; all unless given.
     case
         Folder with case.toml, the SUMO scenario and the logs.
     record

@@ -17,7 +17,7 @@ def measure_calibrate(case: Path) -> dict[str, Any]:
     """Time `jaxcalib calibrate`."""
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / "run"
-        wall_s = _wall_s("calibrate", str(case), "--out", str(out), cache=folder)
+        wall_s = run_command("calibrate", str(case), "--out", str(out), cache=folder)
         return _told(wall_s, json.loads((out / "result.json").read_text(encoding="utf-8"))["profile"])
 
 
@@ -25,7 +25,7 @@ def measure_diagnose(case: Path) -> dict[str, Any]:
     """Time `jaxcalib diagnose`."""
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / "run"
-        wall_s = _wall_s("diagnose", str(case), "--out", str(out), cache=folder)
+        wall_s = run_command("diagnose", str(case), "--out", str(out), cache=folder)
         return _told(wall_s, json.loads((out / "diagnosis.json").read_text(encoding="utf-8"))["profile"])
 
 
@@ -33,12 +33,17 @@ def measure_sweep(case: Path) -> dict[str, Any]:
     """Time `jaxcalib sweep` with 2,048 runs of the surrogate."""
     with tempfile.TemporaryDirectory() as folder:
         table = Path(folder) / "sweep.parquet"
-        wall_s = _wall_s("sweep", str(case), "--out", str(table), *SWEEP, cache=folder)
+        wall_s = run_command("sweep", str(case), "--out", str(table), *SWEEP, cache=folder)
         return _told(wall_s, json.loads(table.with_suffix(".json").read_text(encoding="utf-8"))["profile"])
 
 
-def _wall_s(command: str, *arguments: str, cache: str) -> float:
-    """Return the wall time of a command that compiles all programs anew.
+def run_command(command: str, *arguments: str, cache: str) -> float:
+    """Return the wall time of a command.
+
+    Args:
+        command: its name.
+        arguments: what follows.
+        cache: folder of compiled programs; an empty one has all compiled anew.
 
     Raises:
         RuntimeError: it failed.

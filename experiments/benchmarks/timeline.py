@@ -4,6 +4,7 @@ The totals of `--profile` say what a command spends its time on; this says when,
 to do. Processor times of the command and of the processes that it starts, which are SUMO's, are read once a second.
 """
 
+import contextlib
 import json
 import os
 import re
@@ -124,12 +125,11 @@ def _seconds(process: "subprocess.Popen[str]", said: Sequence[str], began: float
 def processor_times(root: psutil.Process) -> dict[int, float]:
     """Return the processor time so far of a process and of all that it has started, by number of the process."""
     found: dict[int, float] = {}
-    try:
+    with contextlib.suppress(psutil.NoSuchProcess):  # the command has ended meanwhile
         for process in (root, *root.children(recursive=True)):
-            times = process.cpu_times()
-            found[process.pid] = times.user + times.system
-    except psutil.NoSuchProcess:  # it has ended meanwhile
-        pass
+            with contextlib.suppress(psutil.NoSuchProcess):  # that one has
+                times = process.cpu_times()
+                found[process.pid] = times.user + times.system
     return found
 
 

@@ -8,7 +8,8 @@ import numpy as np
 
 from jaxcalib.case.log_form import MAY_BE_ABSENT, LogColumn
 from jaxcalib.errors import CaseError, quote
-from jaxcalib.field.table_files import ColumnTable, Kind, SizeLimit, column_names, read_columns
+from jaxcalib.field.size_limit import SizeLimit
+from jaxcalib.field.table_files import ColumnTable, Kind, column_names, read_columns
 
 
 def our_names(file: Path, columns: Mapping[str, LogColumn]) -> list[str]:

@@ -13,7 +13,8 @@ from jaxcalib.case.log_form import TABLE_1, LogForm
 from jaxcalib.errors import CaseError, quote
 from jaxcalib.field.log_columns import our_names, read_log_columns
 from jaxcalib.field.logged_place import LoggedPlace, logged_place, place_columns, place_columns_among
-from jaxcalib.field.table_files import ColumnTable, Kind, SizeLimit, row_place
+from jaxcalib.field.size_limit import SizeLimit
+from jaxcalib.field.table_files import ColumnTable, Kind, row_place
 from sim_adapters.units import mps_from_kmh
 
 LANE_UNKNOWN = 0

@@ -9,7 +9,7 @@ import gzip
 import io
 import re
 import zlib
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
@@ -21,23 +21,11 @@ import pyarrow.csv
 import pyarrow.parquet
 
 from jaxcalib.errors import CaseError, quote, shorten
+from jaxcalib.field.size_limit import BoundedStream, SizeLimit, pieces
 
 FIRST_DATA_ROW = 2
 LONGEST_TEXT = 1000
 Kind = Literal["number", "text"]
-
-
-@dataclass(frozen=True)
-class SizeLimit:
-    """What a file may grow to in memory, so that a small compressed file cannot take all of it."""
-
-    unpacked_bytes: int = 512 * 1024**2  # most bytes after unpacking, of a text and of the numbers that it says
-    ratio: int = 200  # most bytes after unpacking per byte in the file
-    # the ratio counts from this size on: short tables with constant columns pack very well
-    ratio_from_bytes: int = 32 * 1024**2
-
-
-OF_RECORDINGS = SizeLimit(unpacked_bytes=2 * 1024**3)  # of whole roads and hours, which a user brings in once
 
 
 @dataclass(frozen=True)
@@ -118,43 +106,10 @@ def column_names(file: Path) -> list[str]:
         raise CaseError(file, "", f"expected a file that can be read: {shorten(reason, 150)}.") from None
 
 
-class _BoundedStream(io.RawIOBase):
-    """A stream that stops with an error once it has given too much."""
-
-    def __init__(self, file: Path, stream: io.BufferedIOBase, limit: SizeLimit) -> None:
-        self._file, self._stream, self._limit = file, stream, limit
-        self._packed_bytes, self._given_bytes = file.stat().st_size, 0
-
-    def readable(self) -> bool:
-        return True
-
-    def readinto(self, buffer: bytearray | memoryview) -> int:  # pyright: ignore[reportIncompatibleMethodOverride]
-        content = self._stream.read(len(buffer))
-        buffer[: len(content)] = content
-        self._given_bytes += len(content)
-        _check_size(self._file, self._packed_bytes, self._given_bytes, self._limit)
-        return len(content)
-
-    def close(self) -> None:
-        self._stream.close()
-        super().close()
-
-
-def _check_bytes(file: Path, unpacked_bytes: int, limit: SizeLimit) -> None:
-    if unpacked_bytes > limit.unpacked_bytes:
-        raise CaseError(file, "", f"expected at most {limit.unpacked_bytes} bytes after unpacking.")
-
-
-def _check_size(file: Path, packed_bytes: int, unpacked_bytes: int, limit: SizeLimit) -> None:
-    _check_bytes(file, unpacked_bytes, limit)
-    if unpacked_bytes > max(limit.ratio_from_bytes, limit.ratio * packed_bytes):
-        raise CaseError(file, "", f"expected to unpack to at most {limit.ratio} times the file's size.")
-
-
 def _open_csv(file: Path, limit: SizeLimit) -> io.BufferedReader:
     is_packed = file.name.lower().endswith(".gz")
-    stream = gzip.GzipFile(file) if is_packed else file.open("rb")  # `_BoundedStream` closes it
-    return io.BufferedReader(_BoundedStream(file, stream, limit), 1 << 20)
+    stream = gzip.GzipFile(file) if is_packed else file.open("rb")  # `BoundedStream` closes it
+    return io.BufferedReader(BoundedStream(file, stream, limit), 1 << 20)
 
 
 def _read_csv(file: Path, columns: Mapping[str, Kind], limit: SizeLimit) -> tuple[pa.Table, tuple[str, ...]]:
@@ -174,38 +129,11 @@ def _read_csv(file: Path, columns: Mapping[str, Kind], limit: SizeLimit) -> tupl
                     strings_can_be_null=False,
                 ),
             )
-            table = _joined(file, batches, limit)
+            # a short text may say many numbers
+            table = pa.Table.from_batches(pieces(file, batches, limit.check_bytes), batches.schema)
     except pa.ArrowInvalid as error:
         raise _csv_error(file, header, str(error)) from None
     return table, extra
-
-
-def _joined(file: Path, batches: pyarrow.csv.CSVStreamingReader, limit: SizeLimit) -> pa.Table:
-    """Return a table of pieces that are read one by one; a short text may say many numbers."""
-
-    def check(batch: pa.RecordBatch, unpacked_bytes: int) -> None:
-        del batch
-        _check_bytes(file, unpacked_bytes, limit)
-
-    return pa.Table.from_batches(_pieces(batches, check), batches.schema)
-
-
-def _pieces(batches: Iterable[pa.RecordBatch], check: Callable[[pa.RecordBatch, int], None]) -> list[pa.RecordBatch]:
-    """Return the pieces of a file, each checked together with the bytes that are unpacked by then.
-
-    After an error nothing of them is left: who keeps the error keeps its frames, and would keep half a gigabyte.
-    """
-    read: list[pa.RecordBatch] = []
-    unpacked_bytes = 0
-    try:
-        for batch in batches:
-            unpacked_bytes += batch.nbytes
-            check(batch, unpacked_bytes)
-            read.append(batch)
-    except CaseError:
-        read.clear()
-        raise
-    return read
 
 
 def _csv_header(file: Path, columns: Mapping[str, Kind], limit: SizeLimit) -> list[str]:
@@ -270,19 +198,22 @@ def _read_parquet(file: Path, columns: Mapping[str, Kind], limit: SizeLimit) -> 
 
 def _read_batches(file: Path, columns: list[str], texts: list[str], limit: SizeLimit) -> pa.Table:
     """Read a file piece by piece; texts stay dictionaries, for those may be large once and small in memory."""
-    packed_bytes = file.stat().st_size
-
-    def check(batch: pa.RecordBatch, unpacked_bytes: int) -> None:
-        _check_size(file, packed_bytes, unpacked_bytes, limit)
-        for column in texts:
-            _check_words(file, column, batch.column(column))
-
     with pyarrow.parquet.ParquetFile(file, read_dictionary=texts) as parquet:
         # what is said of numbers is enough to refuse a file by; nothing is read for it
         numbers_bytes = parquet.metadata.num_rows * np.dtype(float).itemsize * (len(columns) - len(texts))
-        _check_size(file, packed_bytes, numbers_bytes, limit)
-        batches = _pieces(parquet.iter_batches(batch_size=1 << 16, columns=columns, use_threads=False), check)
-        return pa.Table.from_batches(batches, schema=None if batches else parquet.schema_arrow)
+        limit.check_size(file, numbers_bytes)
+        batches = parquet.iter_batches(batch_size=1 << 16, columns=columns, use_threads=False)
+        read = pieces(file, _with_short_words(file, texts, batches), limit.check_size)
+        return pa.Table.from_batches(read, schema=None if read else parquet.schema_arrow)
+
+
+def _with_short_words(
+    file: Path, columns: Sequence[str], batches: Iterable[pa.RecordBatch]
+) -> Iterator[pa.RecordBatch]:
+    for batch in batches:
+        for column in columns:
+            _check_words(file, column, batch.column(column))
+        yield batch
 
 
 def _check_words(file: Path, column: str, values: pa.Array) -> None:

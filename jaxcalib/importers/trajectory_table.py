@@ -13,7 +13,8 @@ from jaxcalib.case.log_form import TABLE_1, LogForm
 from jaxcalib.case.log_units import log_form_of
 from jaxcalib.errors import CaseError, quote
 from jaxcalib.field.log_columns import our_names, read_log_columns
-from jaxcalib.field.table_files import OF_RECORDINGS, ColumnTable, Kind
+from jaxcalib.field.size_limit import OF_RECORDINGS
+from jaxcalib.field.table_files import ColumnTable, Kind
 from jaxcalib.importers.data_frame import Frame
 from jaxcalib.importers.importer import Imported, ImportOptions
 from jaxcalib.importers.planes import plane_of

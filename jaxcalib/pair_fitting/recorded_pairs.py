@@ -7,7 +7,8 @@ import numpy as np
 from jaxtyping import Float
 
 from jaxcalib.errors import CaseError, quote
-from jaxcalib.field.table_files import OF_RECORDINGS, read_columns, row_place
+from jaxcalib.field.size_limit import OF_RECORDINGS
+from jaxcalib.field.table_files import read_columns, row_place
 
 STEP_S = 0.1
 COLUMNS = ("time_s", "v_lead_mps", "v_foll_mps", "gap_m")

@@ -5,7 +5,6 @@ import json
 import os
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -37,24 +36,25 @@ def test_the_ratio_is_that_of_the_times_in_which_the_command_waits_for_sumo(monk
 
     monkeypatch.setattr(os, "sched_setaffinity", bind)
 
-    def jaxcalib(name: str, *arguments: Any) -> None:
+    def run_command(name: str, *arguments: str, cache: str) -> float:
+        assert Path(cache).is_dir()
         asked.append((name, os.sched_getaffinity(0)))
         if name == "validate":
-            out = Path(arguments[3])
+            out = Path(arguments[arguments.index("--out") + 1])
             waited_s = 30.0 if "--cluster" in arguments else 50.0
             out.mkdir()
             said = {"profile": {"this_thread_s": {"waiting for SUMO": waited_s}}, "criteria": [{"passes": True}]}
             (out / "validation.json").write_text(json.dumps(said))
+        return 60.0
 
     @contextlib.contextmanager
-    def cluster(cores: list[int], folder: Path) -> Iterator[str]:
-        del cores, folder
+    def workers(number: int) -> Iterator[str]:
+        assert number == 3
         yield "tcp://127.0.0.1:8786"
 
-    monkeypatch.setattr(on_a_cluster, "_jaxcalib", jaxcalib)
-    monkeypatch.setattr(on_a_cluster, "cluster", cluster)
-    found = measure_on_a_cluster(Path("corridor"), 3)
+    monkeypatch.setattr(on_a_cluster, "run_command", run_command)
+    monkeypatch.setattr(on_a_cluster, "workers", workers)
+    found = measure_on_a_cluster(Path("corridor"))
     assert found["ratio"] == pytest.approx(0.6)
-    assert found["same_verdicts"]
+    assert found["same_criteria"]
     assert asked == [("calibrate", {3, 5, 6}), ("validate", {3}), ("validate", {3})]
-    assert found["workers"] == 3

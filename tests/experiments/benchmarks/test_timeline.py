@@ -3,6 +3,8 @@
 import os
 import time
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import psutil
 import pytest
@@ -46,3 +48,20 @@ def test_the_picture_names_every_stage(tmp_path: Path) -> None:
     draw(SECONDS, 2, tmp_path / "timeline.svg")
     text = (tmp_path / "timeline.svg").read_text(encoding="utf-8")
     assert all(second.stage in text for second in SECONDS)
+
+
+def test_a_process_that_ends_while_it_is_asked_hides_no_other() -> None:
+    """Else what the others did since they began would count as done in the second after."""
+
+    class Ended:
+        pid = 7
+
+        def cpu_times(self) -> Any:
+            raise psutil.NoSuchProcess(self.pid)
+
+    def running(pid: int, user: float) -> SimpleNamespace:
+        return SimpleNamespace(pid=pid, cpu_times=lambda: SimpleNamespace(user=user, system=0.5))
+
+    root: Any = running(5, 1.0)
+    root.children = lambda recursive: [Ended(), running(9, 2.0)]
+    assert processor_times(root) == {5: 1.5, 9: 2.5}
