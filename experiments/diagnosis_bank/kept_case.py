@@ -78,7 +78,10 @@ class KeptCase:
         interval_s = fine_interval_s(problem)
         drives = list(zip(problem.case.drives, problem.drives, strict=True))[len(session.problem.drives) :]
         more = [(stated.depart_s, drive) for stated, drive in drives]
-        baseline = simulate_null(session, self.calibrated(session)).baseline
+        simulated = simulate_null(session, self.calibrated(session))
+        baseline, maker = simulated.baseline, simulated.maker
+        if not np.array_equal(baseline.values, findings.values):  # silent values were moved
+            baseline = maker.whole(maker.at(findings.values, baseline.runner))
         tables = [drive_table(drive.frames(interval_s), interval_s) for _, drive in more]
         books = [baseline.features.of_table(table) for table in tables]
         tallies = gather_tallies(books, [depart_s for depart_s, _ in more])

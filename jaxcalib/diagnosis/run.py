@@ -2,7 +2,7 @@
 
 import os
 import time
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from jaxcalib.cluster.opening import sumo_workers_at
@@ -10,14 +10,17 @@ from jaxcalib.diagnosis.answer.answer import Diagnosis
 from jaxcalib.diagnosis.answer.conclusion import conclude
 from jaxcalib.diagnosis.answer.findings import Findings
 from jaxcalib.diagnosis.inference.investigation import NotTestableError
+from jaxcalib.diagnosis.inference.sumo_check import Checked
+from jaxcalib.diagnosis.runs.trial_book import TrialBook
 from jaxcalib.diagnosis.stages.calibrated import Calibrated, calibrate_by_logs
 from jaxcalib.diagnosis.stages.checked import check_best
 from jaxcalib.diagnosis.stages.concluded import gather_findings, refuse_drives
-from jaxcalib.diagnosis.stages.judged import judge_drives
+from jaxcalib.diagnosis.stages.judged import Judged, judge_drives
 from jaxcalib.diagnosis.stages.refitted import refit_best
+from jaxcalib.diagnosis.stages.reopened import reopen_silent_values
 from jaxcalib.diagnosis.stages.session import DiagnosisSession, begin_session
-from jaxcalib.diagnosis.stages.simulated import simulate_null
-from jaxcalib.diagnosis.stages.tried import try_effects
+from jaxcalib.diagnosis.stages.simulated import Simulated, simulate_null
+from jaxcalib.diagnosis.stages.tried import Tried, try_effects
 from jaxcalib.problem.engines import prepare_devices
 from jaxcalib.problem.problem import read_problem
 from jaxcalib.runs.disk import check_out, check_outside
@@ -95,10 +98,28 @@ def answer(session: DiagnosisSession, calibrated: Calibrated) -> tuple[Findings 
         simulated = simulate_null(session, calibrated)
     except NotTestableError as error:
         return None, refuse_drives(session, calibrated, error)
+    found = _judge(session, simulated)
+    reopened = reopen_silent_values(session, simulated, found.book, found.checked, found.judged)
+    if reopened.baseline is not simulated.baseline:
+        found = _judge(session, reopened)
+    tried, checked, judged = found.tried, found.checked, found.judged
+    refitted = refit_best(session, reopened.baseline, found.book, checked, judged)
+    findings = gather_findings(session, calibrated, reopened, found.book, tried, checked, judged, refitted)
+    return findings, conclude(findings)
+
+
+@dataclass(frozen=True)
+class _Found:
+    """What the drives to fit say of one calibrated simulation."""
+
+    book: TrialBook
+    tried: Tried
+    checked: Checked
+    judged: Judged
+
+
+def _judge(session: DiagnosisSession, simulated: Simulated) -> _Found:
     baseline, book = simulated.baseline, simulated.trial_book(session)
     tried = try_effects(session, baseline, book)
     checked = check_best(session, baseline, tried)
-    judged = judge_drives(session, baseline, tried.num_places, checked)
-    refitted = refit_best(session, baseline, book, checked, judged)
-    findings = gather_findings(session, calibrated, simulated, book, tried, checked, judged, refitted)
-    return findings, conclude(findings)
+    return _Found(book, tried, checked, judge_drives(session, baseline, tried.num_places, checked))

@@ -99,6 +99,7 @@ class Converged:
     baseline: Baseline  # the one to stay with
     num_baselines: int  # how many were begun
     num_surrogate_runs: int  # runs of the surrogate that the others took, and the way between them
+    num_sumo_runs: int = 0  # runs of SUMO that judging by others took
 
 
 @dataclass(frozen=True)

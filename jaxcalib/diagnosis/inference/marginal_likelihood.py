@@ -241,7 +241,14 @@ def predicted(signature: Signature, strength: float, knees: np.ndarray) -> tuple
 
 def uncertainty(signature: Signature, shift: np.ndarray, error: np.ndarray, knees: np.ndarray) -> np.ndarray:
     """Covariance of what a shift that a signature predicts may be wrong by, as it is judged."""
-    wrong = SIGNATURE_ERROR * signature.exactness * squeezed(shift, knees)
+    return prediction_error(shift, error, SIGNATURE_ERROR * signature.exactness, knees)
+
+
+def prediction_error(
+    shift: np.ndarray, error: np.ndarray, wrong_share: float | np.ndarray, knees: np.ndarray
+) -> np.ndarray:
+    """Covariance of what a predicted shift may be wrong by, as it is judged: a share of it, and its standard error."""
+    wrong = wrong_share * squeezed(shift, knees)
     steepness = 1.0 / np.hypot(1.0, shift / knees)
     return np.diag(wrong**2 + (steepness * error) ** 2)
 

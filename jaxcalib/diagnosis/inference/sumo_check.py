@@ -52,6 +52,11 @@ class Checked:
     checks: tuple[Check, ...]  # one for each effect that was checked, in order
     num_look_runs: int = 0  # SUMO's runs of all effects at medium strength
 
+    @property
+    def num_runs(self) -> int:
+        """SUMO's runs of all effects."""
+        return self.num_look_runs + sum(check.num_runs for check in self.checks)
+
 
 Run = Callable[[str, EffectSetting, bool], DriveTallies | None]  # name, setting, whether a few drives will do
 Explain = Callable[[Mapping[str, Sequence[Signature]]], Sequence[Explained]]

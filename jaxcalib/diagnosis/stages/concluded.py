@@ -86,10 +86,10 @@ def _num_sumo_runs(
     num_given_up = simulated.converged.num_baselines - 1
     return (
         calibrated.num_sumo_runs
+        + simulated.converged.num_sumo_runs
         + simulated.baseline.runs.plain.num_runs
         + num_given_up * num_runs_for(session.problem, session.plan.first_null_drives)
         + (0 if simulated.default is None else simulated.default.num_runs)
-        + checked.num_look_runs
-        + sum(check.num_runs for check in checked.checks)
+        + checked.num_runs
         + sum(refit.num_sumo_runs for refit in refitted.refits.values())
     )

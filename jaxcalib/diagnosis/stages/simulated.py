@@ -18,6 +18,7 @@ TRIAL_SEED = 800_000
 class Simulated:
     """The calibrated simulation."""
 
+    maker: BaselineMaker  # makes baselines at other values
     converged: Converged  # where baselines led
     default: DriveTallies | None  # tallies of SUMO runs of the scenario as it is; None where they failed
 
@@ -60,4 +61,4 @@ def simulate_null(session: DiagnosisSession, calibrated: Calibrated) -> Simulate
         converged = maker.converged()
     with session.stopwatch.time("null"):
         default = converged.baseline.in_sumo.default()
-    return Simulated(converged, default)
+    return Simulated(maker, converged, default)
