@@ -1,6 +1,7 @@
 """Runs of the surrogate that show what an effect, or another parameter value, does to the features."""
 
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -8,7 +9,7 @@ import numpy as np
 from jaxcalib.diagnosis.features.drive_features import DriveFeatures
 from jaxcalib.diagnosis.features.features import DriveTallies, TallyBook, gather_tallies
 from jaxcalib.diagnosis.features.frame_recorder import FrameRecorder
-from sim_adapters.interface import RunRequest
+from sim_adapters.interface import RunOutcome, RunRequest
 from sim_adapters.jax.simulator import JaxSimulator
 from surrogate.effects.base import EffectSetting
 
@@ -46,16 +47,15 @@ class TrialRunner:
             for trial in trials
             for run in range(trial.first_run, trial.first_run + trial.num_runs)
         ]
-        books: list[TallyBook] = []
-        for begin in range(0, len(requests), RUNS_PER_CALL):
-            part = requests[begin : begin + RUNS_PER_CALL]
-            for outcome in self.engine.run(part):
-                if outcome.status.is_ok:
-                    table = self.recorder.table(outcome.observed, self.interval_s)
-                    books.append(self.features.of_table(table))
-                else:
-                    books.append(TallyBook())
-            on_runs(len(part))
+        with ThreadPoolExecutor(max_workers=1) as counting:  # one batch is counted while the next one runs
+            counted = []
+            for begin in range(0, len(requests), RUNS_PER_CALL):
+                part = requests[begin : begin + RUNS_PER_CALL]
+                if len(counted) > 1:
+                    counted[-2].result()  # what is recorded of more than two does not fit into memory
+                counted.append(counting.submit(self._books, self.engine.run(part)))
+                on_runs(len(part))
+            books = [book for future in counted for book in future.result()]
         tallies, begin = {}, 0
         for trial in trials:
             chosen = slice(begin, begin + trial.num_runs)
@@ -63,6 +63,15 @@ class TrialRunner:
             tallies[trial.name] = gather_tallies(books[chosen], departs)
             begin += trial.num_runs
         return tallies
+
+    def _books(self, outcomes: Sequence[RunOutcome]) -> list[TallyBook]:
+        """Return what is counted of each run; of one that failed, nothing."""
+        return [
+            self.features.of_table(self.recorder.table(outcome.observed, self.interval_s))
+            if outcome.status.is_ok
+            else TallyBook()
+            for outcome in outcomes
+        ]
 
 
 def pairs_of(one: DriveTallies, other: DriveTallies) -> np.ndarray:
