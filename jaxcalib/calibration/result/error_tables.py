@@ -3,10 +3,11 @@
 from typing import Any
 
 from jaxcalib.calibration.confirmation.final_errors import FinalErrors
-from jaxcalib.calibration.objective.accuracy import VEHICLE_LEVEL_SUM
+from jaxcalib.calibration.objective.accuracy import TRAFFIC_LEVEL, VEHICLE_LEVEL_SUM
 from jaxcalib.calibration.result.result import rounded
 
 ErrorsByRole = dict[str, dict[Any, FinalErrors | None]]
+LEVELS = {"single vehicles": (VEHICLE_LEVEL_SUM,), "the traffic flow": TRAFFIC_LEVEL}
 
 
 def effectiveness_table(errors: ErrorsByRole, notes: dict[str, str]) -> dict[str, dict[str, dict[str, float | None]]]:
@@ -59,3 +60,28 @@ def change_table(errors: ErrorsByRole) -> dict[str, Any]:
             name: {"value": rounded(one.value), "interval_90": one.interval_90} for name, one in changes.items()
         }
     return table
+
+
+def held_out_warnings(errors: ErrorsByRole) -> list[str]:
+    """Return where held-out drives agree less with calibrated values than with the scenario's, beyond chance.
+
+    Chance is the 95 % quantile of what such drives of the calibrated simulation err by; of several errors the mean of
+    their quantiles, which is no less than that of their mean where they hang together.
+    """
+    before, after = errors["no_calibration"].get("held_out"), errors["calibrated"].get("held_out")
+    if before is None or after is None:
+        return []
+    lines = []
+    for level, names in LEVELS.items():
+        of_each = [(before.error(name), after.error(name), after.floor_high[name]) for name in names]
+        known = [(was, now, high) for was, now, high in of_each if was is not None and now is not None and high]
+        if not known:
+            continue
+        was, now, high = (sum(parts) / len(known) for parts in zip(*known, strict=True))
+        if now > max(was, high):
+            lines.append(
+                f"Held-out drives do not confirm the calibrated values for {level}: the error is {now:.2f}, with the "
+                f"scenario's values {was:.2f}, and chance explains up to {high:.2f}. The drives to fit are too few, or "
+                "the others were made in other traffic: record more, or calibrate on some of each."
+            )
+    return lines

@@ -18,6 +18,7 @@ from jaxcalib.calibration.record import CalibrationRecord
 from jaxcalib.calibration.result.error_tables import (
     change_table,
     effectiveness_table,
+    held_out_warnings,
     part_by_role,
     vehicle_level_table,
 )
@@ -113,6 +114,7 @@ def build_result(record: CalibrationRecord) -> CalibrationResult:
             *_agreement_warnings(record),
             *_bound_warnings(record),
             *unfinished_warnings(_health(record)),
+            *held_out_warnings(errors),
         ],
         versions={"jaxcalib": metadata.version("jaxcalib")} | {name: metadata.version(name) for name in LIBRARIES},
     )  # fmt: skip
