@@ -66,6 +66,11 @@ def warnings_of(findings: Findings) -> list[str]:
             f"{', '.join(far)}: the features would move them farther than logs allow; an effect may bend them, and "
             "slopes may be too coarse there."
         )
+    if findings.moved:
+        warnings.append(
+            f"{', '.join(findings.moved)}: no log shows them by itself; they were moved to where the whole road "
+            "behaves like the drives. Others may do as well: they explain the gap, and are no measurement."
+        )
     if findings.held_out is None:
         warnings.append("case.toml: no drive is held out; how far the gap shrinks is not told.")
     aliased = aliased_effects(findings.problem)

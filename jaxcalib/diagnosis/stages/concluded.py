@@ -38,6 +38,7 @@ def gather_findings(
         problem=session.problem,
         seed=session.seed,
         values=baseline.values,
+        moved=simulated.moved(session.problem.layout.names),
         fitted=baseline.fitted,
         held_out=judged.held_out,
         num_places=num_places,

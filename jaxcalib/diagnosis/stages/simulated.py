@@ -1,6 +1,9 @@
 """The second stage: the calibrated simulation, to which the drives are compared, and the scenario as it is."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+
+import numpy as np
 
 from jaxcalib.diagnosis.features.features import DriveTallies
 from jaxcalib.diagnosis.inference.baseline import Baseline, BaselineMaker, Converged
@@ -26,6 +29,11 @@ class Simulated:
     def baseline(self) -> Baseline:
         """The calibrated simulation, and the drives against it."""
         return self.converged.baseline
+
+    def moved(self, names: Sequence[str]) -> list[str]:
+        """Names of the parameters of which the logs are silent, and that no longer lie where they began."""
+        is_moved = ~np.isfinite(self.maker.error) & (self.baseline.values != self.maker.begin)
+        return [name for name, moved in zip(names, is_moved, strict=True) if moved]
 
     def trial_book(self, session: DiagnosisSession) -> TrialBook:
         """A book of trials that holds those of the parameters."""

@@ -24,6 +24,7 @@ from jaxcalib.runs.stopwatch import Stopwatch
 NUM_FEATURES, NUM_FIELD, NUM_NULL = 24, 8, 48
 CELLS = tuple(Cell(Channel.CLOSED_LOOP, f"measure {k}") for k in range(NUM_FEATURES))
 ANSWER = np.random.default_rng(5).normal(1.0, 0.3, NUM_FEATURES)  # of features to the silent value, per unit
+NAMES = ("main", "tau", "lcSpeedGain")
 VALUES = np.asarray([3000.0, 1.2, 1.0])  # of an inflow, of a time gap, and of a weight that the logs do not show
 BOUNDS = np.asarray([2500.0, 1.1, 0.2]), np.asarray([3500.0, 1.3, 5.0])
 FIRST_SLOPE_RUNS, LOOK_RUNS = 12, 40
@@ -58,6 +59,7 @@ class Maker:
     def __init__(self, is_silent: bool, sumo: Road | None) -> None:
         self.error = np.asarray([100.0, 0.02, np.inf if is_silent else 0.1])
         self.bounds = BOUNDS
+        self.begin = VALUES
         self.sumo = sumo
         self.asked: list[float] = []
 
@@ -111,6 +113,7 @@ def test_a_silent_value_that_explains_the_drives_is_moved_there():
     np.testing.assert_array_equal(after.baseline.values[:2], VALUES[:2])
     assert after.baseline.values[2] == pytest.approx(3.4, abs=0.6)  # of eight values between 0.2 and 5
     assert maker.asked == [after.baseline.values[2]]
+    assert (before.moved(NAMES), after.moved(NAMES)) == ([], ["lcSpeedGain"])
     assert after.converged.num_baselines == 2
     assert after.converged.num_sumo_runs == LOOK_RUNS
     assert after.converged.num_surrogate_runs == RUNS_PER_POINT * 9  # the baseline's, and eight values

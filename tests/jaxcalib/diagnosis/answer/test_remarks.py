@@ -1,0 +1,56 @@
+"""What a diagnosis tells its reader to be careful of."""
+
+from collections.abc import Sequence
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+import pytest
+
+from jaxcalib.diagnosis.answer.findings import Findings
+from jaxcalib.diagnosis.answer.remarks import warnings_of
+from jaxcalib.diagnosis.features.features import Cell, Channel
+from jaxcalib.diagnosis.features.noise import NullModel
+
+NAMES = ("main", "tau", "lcSpeedGain")
+NULL = NullModel(
+    cells=tuple(Cell(Channel.CLOSED_LOOP, name) for name in NAMES),
+    mean=np.zeros(3),
+    deviation=np.ones(3),
+    covariance=1e-4 * np.eye(3) + 1e4 * np.eye(3),
+    noise=1e-4 * np.eye(3),
+    slope=np.eye(3),
+    prior_steps=np.full(3, 100.0),
+)
+
+
+def findings(
+    num_drives: int = 8,
+    departs_s: Sequence[float] = (300.0, 320.0),
+    steps: Sequence[float] = (0.0, 0.0, 0.0),
+    moved: Sequence[str] = (),
+    held_out: Any = "some",
+) -> Findings:
+    drives = [SimpleNamespace(depart_s=depart_s) for depart_s in departs_s]
+    problem = SimpleNamespace(warnings=list, layout=SimpleNamespace(names=NAMES), case=SimpleNamespace(drives=drives))
+    fitted = SimpleNamespace(tallies=range(num_drives), difference=np.asarray(steps), null=NULL)
+    return cast(Findings, SimpleNamespace(problem=problem, fitted=fitted, moved=moved, held_out=held_out))
+
+
+def test_usual_drives_need_no_warning():
+    assert warnings_of(findings()) == []
+
+
+@pytest.mark.parametrize(
+    ("some", "words"),
+    [
+        (findings(num_drives=2), "2 drives to fit"),
+        (findings(departs_s=(300.0, 300.0)), "all drives depart at the same time"),
+        (findings(steps=(0.5, -4.0, 1.0)), "tau: the features would move them farther"),
+        (findings(moved=("lcSpeedGain", "lcStrategic")), "lcSpeedGain, lcStrategic: no log shows them by itself"),
+        (findings(held_out=None), "no drive is held out"),
+    ],
+)
+def test_each_trouble_has_a_line(some: Findings, words: str):
+    (line,) = warnings_of(some)
+    assert words in line
