@@ -198,7 +198,10 @@ def start_final_runs_of_roles(
 ) -> dict[Role, Callable[[], FinalRuns]]:
     """Start the runs of a point on the drives of each role in the background; return what waits for them."""
     counts: dict[Role, int] = {"held_out": plan.final_runs, "fit": plan.final_fit_runs}
-    return {role: start_final_runs(problem, sumo, values, role, counts[role], session) for role in FINAL_SEEDS}
+    return {
+        role: start_final_runs(problem, sumo, values, role, counts[role], session, may_fail=role == "held_out")
+        for role in FINAL_SEEDS
+    }
 
 
 def surrogate_on_held_out(

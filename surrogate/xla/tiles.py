@@ -24,7 +24,8 @@ class Tile:
     """Consecutive entries. Not a record: lives within one trace.
 
     Attributes:
-        size: how many.
+        number: which one.
+        size: how many entries.
         is_everything: whether there is only this one tile.
         start: the first.
         is_new: which of them are in no tile before.
@@ -39,6 +40,7 @@ class Tile:
             num_entries: length of the arrays.
             size: entries of a tile; the usual number unless given.
         """
+        self.number = jnp.asarray(number, jnp.int32)
         self.size = tile_size(num_entries) if size is None else size
         self.is_everything = self.size == num_entries
         self.start = jnp.minimum(number * self.size, num_entries - self.size)
@@ -133,7 +135,9 @@ def for_each_tile(
 
     if (tile_size(num_entries) if size is None else size) == num_entries:
         return materialise(one(0, carry))
-    return jax.lax.fori_loop(0, num_tiles, one, carry)
+    # a function of its own: a loop's batching looks at it several times, and does the work once
+    body = jax.jit(one)
+    return jax.lax.fori_loop(jnp.int32(0), num_tiles, body, carry)
 
 
 def over_tiles(
@@ -149,6 +153,11 @@ def over_tiles(
     """
     if (tile_size(num_entries) if size is None else size) == num_entries:
         return materialise(function(Tile(0, num_entries, size)))
-    shapes = jax.eval_shape(lambda: function(Tile(0, num_entries, size)))
+    of_tile = jax.jit(lambda number: function(Tile(number, num_entries, size)))  # traced once for shapes and loop
+    shapes = jax.eval_shape(of_tile, jax.ShapeDtypeStruct((), jnp.int32))
     nothing = jax.tree.map(lambda one: jnp.zeros((num_entries, *one.shape[1:]), one.dtype), shapes)
-    return for_each_tile(lambda tile, filled: tile.write(filled, function(tile)), num_tiles, num_entries, nothing, size)
+
+    def fill(tile: Tile, filled: Any) -> Any:
+        return tile.write(filled, of_tile(tile.number))
+
+    return for_each_tile(fill, num_tiles, num_entries, nothing, size)

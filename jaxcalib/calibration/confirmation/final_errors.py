@@ -80,6 +80,7 @@ def start_final_runs(
     num_runs: int,
     session: Session,
     shares_runs: bool = False,
+    may_fail: bool = False,
 ) -> Callable[[], FinalRuns]:
     """Start the runs of a point in the background; return what waits for them.
 
@@ -92,6 +93,8 @@ def start_final_runs(
         session: gives the seeds, and is told of each run.
         shares_runs: whether drives that depart far enough apart share a run and its seed; what counts as a run above is
             a drive then.
+        may_fail: whether runs of which none succeeds are an answer, too, rather than an AllRunsFailedError: an entrance
+            may be full when drives that were held out depart.
     """
     departs_s, first_seed = problem.departs_s(role), session.first_seed + FINAL_SEEDS[role]
     num_runs = num_runs if departs_s else 0
@@ -104,8 +107,8 @@ def start_final_runs(
 
     def finish() -> FinalRuns:
         outcomes = wait()
-        if not outcomes:
-            return FinalRuns(np.zeros((0, len(problem.tally_names))), drive, ())
+        if not outcomes or (may_fail and not any(outcome.status.is_ok for outcome in outcomes)):
+            return FinalRuns(np.zeros((0, len(problem.tally_names))), drive[:0], tuple(outcomes))
         tally = gather([outcomes]).tally[0]
         is_ok = np.isfinite(tally).all(axis=1)
         return FinalRuns(tally[is_ok], drive[is_ok], tuple(outcomes))

@@ -23,7 +23,7 @@ from jaxcalib.calibration.result.error_tables import (
     vehicle_level_table,
 )
 from jaxcalib.calibration.result.result import CalibrationResult, Interval, SimulationHealth, rounded
-from jaxcalib.calibration.result.simulation_health import health_of, unfinished_warnings
+from jaxcalib.calibration.result.simulation_health import health_of, missing_warnings, unfinished_warnings
 from jaxcalib.calibration.result.uncertainty import parameter_errors
 from jaxcalib.calibration.stages.evaluator import Evaluations
 from jaxcalib.calibration.stages.screening import Screening
@@ -114,6 +114,12 @@ def build_result(record: CalibrationRecord) -> CalibrationResult:
             *_agreement_warnings(record),
             *_bound_warnings(record),
             *unfinished_warnings(_health(record)),
+            *missing_warnings(
+                {
+                    "calibrated": record.calibrated["held_out"].outcomes,
+                    "the scenario's": record.uncalibrated["held_out"].outcomes,
+                }
+            ),
             *held_out_warnings(errors),
         ],
         versions={"jaxcalib": metadata.version("jaxcalib")} | {name: metadata.version(name) for name in LIBRARIES},

@@ -36,3 +36,18 @@ def unfinished_warnings(health: Mapping[str, SimulationHealth]) -> list[str]:
         for name, one in health.items()
         if one.unfinished
     ]
+
+
+def missing_warnings(runs: Mapping[str, Sequence[RunOutcome]]) -> list[str]:
+    """Return a sentence for each group of runs on held-out drives of which none succeeded.
+
+    Args:
+        runs: on held-out drives, by whose values they have.
+    """
+    return [
+        f"All {len(outcomes)} runs on held-out drives failed with {name} values in SUMO: "
+        f"{'; '.join(sorted({outcome.status.value for outcome in outcomes}))}. So their errors are not told: do these "
+        "values fill the road by then? More of the drives may have to be drives to fit."
+        for name, outcomes in runs.items()
+        if outcomes and not any(outcome.status.is_ok for outcome in outcomes)
+    ]

@@ -4,9 +4,18 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import pytest
 
-from jaxcalib.calibration.confirmation.final_errors import FinalRuns, runs_of_role, start_final_runs, with_outcomes
-from jaxcalib.calibration.result.simulation_health import health_of, unfinished_warnings
+from jaxcalib.calibration.confirmation.final_errors import (
+    FinalRuns,
+    final_errors,
+    runs_of_role,
+    start_final_runs,
+    with_outcomes,
+)
+from jaxcalib.calibration.result.simulation_health import health_of, missing_warnings, unfinished_warnings
+from jaxcalib.calibration.stages.evaluator import AllRunsFailedError
+from jaxcalib.case.case import Role
 from jaxcalib.runs.seeds import FINAL_SEEDS, SEEDS_PER_CALIBRATION
 from jaxcalib.runs.session import open_session
 from sim_adapters.interface import RunOutcome, RunRequest, Status
@@ -63,6 +72,32 @@ def test_drives_may_share_runs_and_each_is_made_equally_often():
     assert alone.drive.tolist() == list(range(6))
     first = 3 * SEEDS_PER_CALIBRATION + FINAL_SEEDS["held_out"]
     assert [(one.seed, one.depart_s) for one in asked[12:]] == [(first + n, departs_s[n]) for n in range(6)]
+
+
+def test_held_out_drives_none_of_which_can_be_run_leave_no_errors_and_a_warning():
+    """An entrance may be full by the time they depart: a calibration must not end without a result for that."""
+
+    def start(requests: list[RunRequest], on_run: Any) -> Callable[[], list[RunOutcome]]:
+        return lambda: [outcome(one.depart_s, one.seed, Status.SUBJECT_MISSING) for one in requests]
+
+    problem: Any = SimpleNamespace(
+        departs_s=lambda role: (300.0, 320.0), tally_names=("a", "b"), field_of=lambda role: np.ones((2, 2))
+    )
+    sumo: Any = SimpleNamespace(start=start)
+    with open_session(None, {}, seed=3) as session:
+        found = start_final_runs(problem, sumo, np.ones(1), "held_out", 4, session, may_fail=True)()
+        with pytest.raises(AllRunsFailedError, match="all 4 runs failed: the subject vehicle never entered"):
+            start_final_runs(problem, sumo, np.ones(1), "held_out", 4, session)()
+    assert (found.tally.shape, len(found.drive), len(found.outcomes)) == ((0, 2), 0, 4)
+    runs: dict[Role, FinalRuns] = {"fit": FinalRuns(np.zeros((0, 2)), np.zeros(0, int), ()), "held_out": found}
+    alone = runs_of_role(problem, runs, "held_out")
+    assert final_errors(problem, "held_out", alone, None) is None
+    outcomes = {"calibrated": found.outcomes, "the scenario's": (outcome(300.0, 1),)}
+    (warning,) = missing_warnings(outcomes)
+    assert warning.startswith(
+        "All 4 runs on held-out drives failed with calibrated values in SUMO: the subject vehicle"
+    )
+    assert missing_warnings({"calibrated": ()}) == []
 
 
 def test_runs_for_one_role_serve_the_other_each_drive_equally_often():
