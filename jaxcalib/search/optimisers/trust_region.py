@@ -45,7 +45,9 @@ class TrustRegion(Optimiser):
         """Return the state after a design or trials; a search that has ended begins anew at a random point."""
         weights = np.ones(told.residuals.shape[1])
         search, details = trust_region.tell(state.search, told.residuals, weights, is_ok=told.is_ok)
-        info = RoundInfo(details.num_failed, details.status, details.center, details)
+        # a centre that was never evaluated, or failed, is no answer: a search begins around a random point
+        best = details.center if np.isfinite(details.center_misfit) else None
+        info = RoundInfo(details.num_failed, details.status, best, details)
         if not search.status.is_final:
             return replace(state, search=search), info
         setting = state.setting

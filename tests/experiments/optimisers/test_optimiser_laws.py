@@ -144,6 +144,21 @@ def test_a_trust_region_that_has_converged_says_so_and_begins_anew_elsewhere():
     assert np.abs(optimiser.ask(state)[0] - info.details.center).max() > 0.05
 
 
+def test_a_trust_region_names_no_centre_that_failed_or_was_never_evaluated():
+    problem = FunctionProblem("sphere", "exact", NUM_PARAMETERS, 2)
+    optimiser = registry.OPTIMISERS["trust_region"]()
+    state = optimiser.init(setting_of(problem))
+    told = problem.evaluate(optimiser.ask(state), 0)
+    nothing = replace(
+        told, accuracy=np.full_like(told.accuracy, np.nan), residuals=np.full_like(told.residuals, np.nan)
+    )
+    state, info = optimiser.tell(state, nothing)
+    assert info.best is None
+    state, info = optimiser.tell(state, problem.evaluate(optimiser.ask(state), 0))
+    assert info.best is not None
+    np.testing.assert_array_equal(info.best, info.details.center)
+
+
 @pytest.mark.parametrize("name", registry.OPTIMISERS)
 def test_what_is_known_before_is_no_harm(name: str):
     """Candidates that were evaluated before the search may help; the search asks within the cube all the same."""
