@@ -74,7 +74,7 @@ def held_out_warnings(errors: ErrorsByRole) -> list[str]:
     lines = []
     for level, names in LEVELS.items():
         of_each = [(before.error(name), after.error(name), after.floor_high[name]) for name in names]
-        known = [(was, now, high) for was, now, high in of_each if was is not None and now is not None and high]
+        known = [(was, now, high) for was, now, high in of_each if None not in (was, now, high)]
         if not known:
             continue
         was, now, high = (sum(parts) / len(known) for parts in zip(*known, strict=True))

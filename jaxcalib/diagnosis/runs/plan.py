@@ -15,6 +15,7 @@ class DiagnosisBudget:
     slope_runs: int  # the same in all
     effect_runs: int  # surrogate runs of each trial of an effect
     local_runs: int  # the same for an effect at one place
+    silent_runs: int  # the same for each try of values that no log shows
     look_drives: int  # drives in SUMO with each effect that it has means for
     check_drives: int  # drives in SUMO with each of the best effects
     refit_drives: int  # drives in SUMO of each iteration of a refit
@@ -35,6 +36,7 @@ def plan_diagnosis(scale: float) -> DiagnosisBudget:
         slope_runs=scaled(32, 12),
         effect_runs=scaled(32, 12),
         local_runs=scaled(24, 12),
+        silent_runs=scaled(8, 8),
         look_drives=scaled(12, 8),
         check_drives=scaled(16, 12),
         refit_drives=scaled(16, 12),

@@ -17,8 +17,6 @@ from jaxcalib.diagnosis.stages.judged import Judged
 from jaxcalib.diagnosis.stages.session import DiagnosisSession
 from jaxcalib.diagnosis.stages.simulated import Simulated
 
-RUNS_PER_POINT = 8  # of the surrogate
-
 
 def reopen_silent_values(
     session: DiagnosisSession, simulated: Simulated, book: TrialBook, checked: Checked, judged: Judged
@@ -32,7 +30,7 @@ def reopen_silent_values(
     if judged.verdict.kind in ("no_gap", "miscalibrated") or not open_values.num_points:
         return simulated
     with session.stopwatch.time("baseline"):
-        answer = _answer_in_surrogate(baseline, book, open_values, session.seed)
+        answer = _answer_in_surrogate(baseline, book, open_values, session)
         if answer is None:
             return simulated
         fitted = baseline.fitted
@@ -55,11 +53,11 @@ def reopen_silent_values(
 
 
 def _answer_in_surrogate(
-    baseline: Baseline, book: TrialBook, open_values: OpenValues, seed: int
+    baseline: Baseline, book: TrialBook, open_values: OpenValues, session: DiagnosisSession
 ) -> FittedAnswer | None:
     """Return what features answer to the open values in the surrogate; None where too few of its runs succeed."""
-    points = open_values.spread(open_values.num_points, seed)
-    trials = [Trial(f"silent {point.tolist()!r}", tuple(point.tolist()), RUNS_PER_POINT) for point in points]
+    points = open_values.spread(open_values.num_points, session.seed)
+    trials = [Trial(f"silent {point.tolist()!r}", tuple(point.tolist()), session.plan.silent_runs) for point in points]
     tallies = book.run("silent", trials)
     null, here = baseline.fitted.null, tallies[BASELINE]
     made = [(point, tallies[trial.name]) for point, trial in zip(points, trials, strict=True)]

@@ -1,5 +1,7 @@
 """Drives made of two lines of motion, and null models made of numbers."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from jaxcalib.diagnosis.features.conventions import Conventions
@@ -59,3 +61,17 @@ def made_up_null(num_features: int = 40, num_parameters: int = 3, seed: int = 4)
     covariance = noise + (slope * prior**2) @ slope.T
     mean, deviation = np.linspace(-1.0, 2.0, num_features), np.linspace(0.5, 2.0, num_features)
     return NullModel(cells, mean, deviation, covariance, noise, slope, prior)
+
+
+def one_feature_each(names: Sequence[str]) -> NullModel:
+    """Return a null model in which each feature is one parameter, in steps, nearly without noise and open by far."""
+    size = len(names)
+    return NullModel(
+        cells=tuple(Cell(Channel.CLOSED_LOOP, name) for name in names),
+        mean=np.zeros(size),
+        deviation=np.ones(size),
+        covariance=1e-4 * np.eye(size) + 1e4 * np.eye(size),
+        noise=1e-4 * np.eye(size),
+        slope=np.eye(size),
+        prior_steps=np.full(size, 100.0),
+    )

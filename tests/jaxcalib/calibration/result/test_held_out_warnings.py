@@ -57,6 +57,15 @@ def test_what_was_bad_before_and_is_better_is_no_warning():
     assert held_out_warnings(errors) == []
 
 
+def test_where_chance_has_no_error_none_is_explained_by_it():
+    errors = errors_of({TRAFFIC_LEVEL[0]: 0.5})
+    errors["calibrated"]["held_out"] = final_errors(
+        BEFORE | {TRAFFIC_LEVEL[0]: 0.5}, HIGH | dict.fromkeys(TRAFFIC_LEVEL, 0.0)
+    )
+    (line,) = held_out_warnings(errors)
+    assert [float(number) for number in re.findall(r"\d+\.\d+", line)] == pytest.approx([0.2, 0.1, 0.0])
+
+
 def test_without_held_out_drives_nothing_is_said():
     assert held_out_warnings(errors_of({"cut_ins": 5.0}, role="fit")) == []
 

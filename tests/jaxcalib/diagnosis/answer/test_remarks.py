@@ -9,19 +9,10 @@ import pytest
 
 from jaxcalib.diagnosis.answer.findings import Findings
 from jaxcalib.diagnosis.answer.remarks import warnings_of
-from jaxcalib.diagnosis.features.features import Cell, Channel
-from jaxcalib.diagnosis.features.noise import NullModel
+from tests.jaxcalib.diagnosis.synthetic import one_feature_each
 
 NAMES = ("main", "tau", "lcSpeedGain")
-NULL = NullModel(
-    cells=tuple(Cell(Channel.CLOSED_LOOP, name) for name in NAMES),
-    mean=np.zeros(3),
-    deviation=np.ones(3),
-    covariance=1e-4 * np.eye(3) + 1e4 * np.eye(3),
-    noise=1e-4 * np.eye(3),
-    slope=np.eye(3),
-    prior_steps=np.full(3, 100.0),
-)
+NULL = one_feature_each(NAMES)
 
 
 def findings(

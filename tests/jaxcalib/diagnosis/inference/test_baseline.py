@@ -10,8 +10,6 @@ import numpy as np
 import pytest
 
 from jaxcalib.calibration.stages.evaluator import AllRunsFailedError
-from jaxcalib.diagnosis.features.features import Cell, Channel
-from jaxcalib.diagnosis.features.noise import NullModel
 from jaxcalib.diagnosis.inference.baseline import (
     LEAST_OPEN_STEPS,
     LONGEST_STEPS,
@@ -28,20 +26,13 @@ from jaxcalib.diagnosis.runs.plan import plan_diagnosis
 from jaxcalib.diagnosis.runs.trials import TrialRunner
 from jaxcalib.problem.problem import CalibrationProblem
 from sim_adapters.interface import ParameterLayout
+from tests.jaxcalib.diagnosis.synthetic import one_feature_each
 
 LAYOUT = ParameterLayout(("main",), (("f",),), ("car",), ("tau", "accel"))
 PROBLEM = cast(CalibrationProblem, SimpleNamespace(layout=LAYOUT))
 BEGIN = np.asarray([3000.0, 1.1, 1.4])
 SIZES = parameter_steps(LAYOUT, BEGIN)
-NULL = NullModel(
-    cells=tuple(Cell(Channel.CLOSED_LOOP, name) for name in LAYOUT.names),
-    mean=np.zeros(3),
-    deviation=np.ones(3),
-    covariance=1e-4 * np.eye(3) + 1e4 * np.eye(3),
-    noise=1e-4 * np.eye(3),
-    slope=np.eye(3),
-    prior_steps=np.full(3, 100.0),
-)
+NULL = one_feature_each(LAYOUT.names)
 ERROR = np.asarray([600.0, 0.001, np.inf])
 BOUNDS = np.asarray([0.0, 0.4, 0.3]), np.asarray([np.inf, 3.0, 5.0])
 

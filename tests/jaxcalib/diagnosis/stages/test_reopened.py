@@ -17,7 +17,7 @@ from jaxcalib.diagnosis.runs.finished_parts import FinishedParts
 from jaxcalib.diagnosis.runs.trial_book import TrialBook
 from jaxcalib.diagnosis.runs.trials import BASELINE, Trial
 from jaxcalib.diagnosis.stages.judged import Judged
-from jaxcalib.diagnosis.stages.reopened import RUNS_PER_POINT, reopen_silent_values
+from jaxcalib.diagnosis.stages.reopened import reopen_silent_values
 from jaxcalib.diagnosis.stages.simulated import Simulated
 from jaxcalib.runs.stopwatch import Stopwatch
 
@@ -27,7 +27,7 @@ ANSWER = np.random.default_rng(5).normal(1.0, 0.3, NUM_FEATURES)  # of features 
 NAMES = ("main", "tau", "lcSpeedGain")
 VALUES = np.asarray([3000.0, 1.2, 1.0])  # of an inflow, of a time gap, and of a weight that the logs do not show
 BOUNDS = np.asarray([2500.0, 1.1, 0.2]), np.asarray([3500.0, 1.3, 5.0])
-FIRST_SLOPE_RUNS, LOOK_RUNS = 12, 40
+FIRST_SLOPE_RUNS, SILENT_RUNS, LOOK_RUNS = 12, 8, 40
 
 Road = Callable[[float], float]  # what a silent value moves features by, in units of ANSWER
 
@@ -97,11 +97,11 @@ def reopened(
     """Return the simulation before and after, and what made it."""
     maker = Maker(is_silent, sumo)
     before = Simulated(cast(BaselineMaker, maker), Converged(baseline_at(VALUES, as_it_is), 1, 0), None)
-    known = {BASELINE: drives(1.0, RUNS_PER_POINT, 9, surrogate)}
+    known = {BASELINE: drives(1.0, SILENT_RUNS, 9, surrogate)}
     book = TrialBook(cast(Any, Runner(surrogate)), FinishedParts(None), "", known, lambda number: None)
     explained = [Explained("unknown", -100.0 + others), Explained("none", -100.0)]
     checked = Checked(explained, {}, (), LOOK_RUNS)
-    plan = SimpleNamespace(first_slope_runs=FIRST_SLOPE_RUNS)
+    plan = SimpleNamespace(first_slope_runs=FIRST_SLOPE_RUNS, silent_runs=SILENT_RUNS)
     session = cast(Any, SimpleNamespace(seed=0, plan=plan, stopwatch=Stopwatch(lambda: 0.0)))
     judged = cast(Judged, SimpleNamespace(verdict=SimpleNamespace(kind=verdict), grounds=SimpleNamespace(pairs=None)))
     return before, reopen_silent_values(session, before, book, checked, judged), maker
@@ -116,7 +116,14 @@ def test_a_silent_value_that_explains_the_drives_is_moved_there():
     assert (before.moved(NAMES), after.moved(NAMES)) == ([], ["lcSpeedGain"])
     assert after.converged.num_baselines == 2
     assert after.converged.num_sumo_runs == LOOK_RUNS
-    assert after.converged.num_surrogate_runs == RUNS_PER_POINT * 9  # the baseline's, and eight values
+    assert after.converged.num_surrogate_runs == SILENT_RUNS * 9  # the baseline's, and eight values
+
+
+def test_a_value_that_logs_show_is_not_told_as_one_that_they_do_not():
+    _, after, maker = reopened()
+    elsewhere = baseline_at(after.baseline.values * [1.0, 1.1, 1.0], as_it_is)
+    found = Simulated(cast(BaselineMaker, maker), Converged(elsewhere, 1, 0), None)
+    assert found.moved(NAMES) == ["lcSpeedGain"]
 
 
 @pytest.mark.parametrize("verdict", ["no_gap", "miscalibrated"])
