@@ -9,7 +9,7 @@ from cyclopts.validators import Number
 from rich.console import Console
 
 from experiments.blind_effects.generate import make_cases
-from experiments.blind_effects.plan import Size
+from experiments.blind_effects.plan import KINDS, Size
 from experiments.blind_effects.run import diagnose_cases
 from experiments.blind_effects.score import score_answers
 from experiments.roads.road import ROADS
@@ -32,6 +32,8 @@ def make(
     checks: Count = 6,
     twins: Count = 0,
     first: Annotated[int | None, Parameter(validator=Number(gte=1))] = None,
+    kind: list[str] | None = None,
+    weights: bool = False,
     jobs: Annotated[int, Parameter(validator=Number(gte=1))] = CORES,
 ) -> int:
     """Make sealed cases; the same command goes on where it was stopped.
@@ -56,6 +58,10 @@ def make(
         Additional held-out drives in a twin of each case, which tell the true fraction closed.
     first
         Only so many cases of the plan, whose order is random: a sample, which a later command may enlarge.
+    kind
+        Only cases of these kinds, e.g. null; of all without this option.
+    weights
+        Draw the drivers' lane-change weights over all their values, and have them calibrated: often no log shows them.
     jobs
         SUMO processes.
     """
@@ -63,9 +69,13 @@ def make(
     unknown = [name for name in roads if name not in ROADS]
     if unknown:
         raise SystemExit(f"--road: expected {' or '.join(ROADS)}, got {unknown[0]}.")
+    unknown = [name for name in kind or () if name not in KINDS]
+    if unknown:
+        raise SystemExit(f"--kind: expected {' or '.join(KINDS)}, got {unknown[0]}.")
     if road and drawn:
         raise SystemExit("make: expected either --road or --drawn.")
-    number = make_cases(out, key, size, () if drawn else roads, drawn, drives, checks, twins, jobs, first)
+    of = tuple(kind or ())
+    number = make_cases(out, key, size, () if drawn else roads, drawn, drives, checks, twins, jobs, first, of, weights)
     Console().print(f"{number} cases in {out}; publish the root in {out / 'seals.json'}, withhold {key}.")
     return 0
 

@@ -55,11 +55,14 @@ def make_cases(
     twins: int,
     jobs: int,
     first: int | None = None,
+    kinds: tuple[str, ...] = (),
+    draws_weights: bool = False,
 ) -> int:
     """Make the cases of a plan that are not there yet and return how many there are.
 
     With `first`, only so many of the plan: its order is random, so they are a sample of it, and a later call with more
-    goes on. So many roads as `drawn` says are drawn instead of `roads`; the key's seed alone tells which.
+    goes on. So many roads as `drawn` says are drawn instead of `roads`; the key's seed alone tells which. `kinds` and
+    `draws_weights` are those of `plan_cases`.
 
     Raises:
         ValueError: the key lies where whoever diagnoses could read it, or belongs to another plan.
@@ -74,11 +77,13 @@ def make_cases(
         "checks": checks,
         "twins": twins,
     }
+    if kinds or draws_weights:
+        settings |= {"kinds": list(kinds), "draws_weights": draws_weights}
     key = _read(key_file) or {"seed": secrets.randbits(63), "settings": settings, "cases": {}}
     if key["settings"] != settings:
         raise ValueError(f"{key_file}: expected the key of this plan, it is of {key['settings']}.")
     _write(key_file, key)
-    plans = plan_cases(size, roads or drawn_roads(drawn, key["seed"]), key["seed"])[:first]
+    plans = plan_cases(size, roads or drawn_roads(drawn, key["seed"]), key["seed"], kinds, draws_weights)[:first]
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(jobs, mp_context=context) as pool, Progress() as progress:
         task = progress.add_task("cases", total=len(plans))
@@ -128,10 +133,10 @@ def _make_case(plan: CasePlan, out: Path, drives: int, checks: int, twins: int, 
     if drawn.spec.standing:
         _note_begin(label, [log[2] for log in made])
     roles = ["held_out" if (number + 1) % HELD_OUT_EVERY == 0 else "fit" for number in range(drives)]
-    write_case(out / "cases" / plan.name, plan.name, road, made[:drives], departs_s, roles)
+    write_case(out / "cases" / plan.name, plan.name, road, made[:drives], departs_s, roles, plan.calibrated)
     if twins:
         more = roles + ["held_out"] * twins
-        write_case(out / "twins" / plan.name, plan.name, road, made, departs_s, more)
+        write_case(out / "twins" / plan.name, plan.name, road, made, departs_s, more, plan.calibrated)
     return label
 
 
@@ -161,7 +166,15 @@ def _checked(ours: list[Logs], theirs: list[Logs]) -> ManipulationCheck:
     return manipulation_check(with_effect, without, changed)
 
 
-def write_case(folder: Path, name: str, road: Road, made: list[Logs], departs_s: list[float], roles: list[str]) -> None:
+def write_case(
+    folder: Path,
+    name: str,
+    road: Road,
+    made: list[Logs],
+    departs_s: list[float],
+    roles: list[str],
+    calibrated: tuple[str, ...] = CALIBRATED,
+) -> None:
     """Write a case; what lies there from a run that was killed goes.
 
     Logs end where the scenario does, although in a jam the vehicle may still be on its way.
@@ -175,13 +188,13 @@ def write_case(folder: Path, name: str, road: Road, made: list[Logs], departs_s:
         subject, objects = (table[table["time_s"] <= road.duration_s] for table in (subject, objects))
         subject.to_parquet(folder / "field" / f"d{number:02d}_subject.parquet", index=False)
         objects.to_parquet(folder / "field" / f"d{number:02d}_objects.parquet", index=False)
-    write_files(folder, [("case.toml", _case_toml(name, road, departs_s, roles))])
+    write_files(folder, [("case.toml", _case_toml(name, road, departs_s, roles, calibrated))])
     for file in folder.rglob("*"):
         os.utime(file, SAME_TIME)
 
 
-def _case_toml(name: str, road: Road, departs_s: list[float], roles: list[str]) -> str:
-    parameters = ", ".join(f'"{attribute}"' for attribute in CALIBRATED)
+def _case_toml(name: str, road: Road, departs_s: list[float], roles: list[str], calibrated: tuple[str, ...]) -> str:
+    parameters = ", ".join(f'"{attribute}"' for attribute in calibrated)
     text = f"""format = 1
 name = "{name}"
 

@@ -13,12 +13,19 @@ from experiments.roads.road import BELIEVED_DRIVER, Road
 
 Size = Literal["tiny", "quick", "full"]
 LEVELS = ("weak", "medium", "strong")
+KINDS = ("single", "pair", "null", "null_far", "out_of_library", "other_model")
 CALIBRATED = ("tau", "minGap", "accel", "decel", "speedFactor", "lcSpeedGain", "lcAssertive")
 # Relative half-widths. A calibration is expected to find any of these values: they are no effects.
 NEAR = dict(zip(CALIBRATED, (0.22, 0.2, 0.2, 0.2, 0.05, 0.2, 0.2), strict=True))
 FAR = dict(zip(CALIBRATED, (0.4, 0.4, 0.4, 0.35, 0.1, 0.4, 0.4), strict=True))
 NEAR_INPUTS, FAR_INPUTS = 0.06, 0.15
 LEAST_FAR = 0.5  # of the half-width: what is called far is far in every value
+# Lane-change weights where they are drawn, too, over these values: they may be far from what engineers believe, and
+# often no log shows them.
+WEIGHTS = {
+    "lcStrategic": (0.5, 5.0), "lcSpeedGain": (0.3, 5.0), "lcCooperative": (0.0, 1.0), "lcCooperativeSpeed": (0.0, 1.0),
+    "lcKeepRight": (0.0, 1.5),
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -27,16 +34,32 @@ class CasePlan:
 
     name: str  # at random, tells nothing
     road: str  # name of the road
-    kind: str  # single, pair, null, null_far, out_of_library or other_model
+    kind: str  # one of `KINDS`
     effects: tuple[tuple[str, str], ...]  # names and levels
     model: str  # car-following model of the field
     seed: int  # of everything random in it
+    draws_weights: bool = False  # whether lane-change weights are drawn over their ranges, and to be calibrated
+
+    @property
+    def calibrated(self) -> tuple[str, ...]:
+        """Driver parameters that are to be calibrated."""
+        more = tuple(name for name in WEIGHTS if name not in CALIBRATED)
+        return (*CALIBRATED, *more) if self.draws_weights else CALIBRATED
 
 
-def plan_cases(size: Size, roads: tuple[str, ...], seed: int) -> list[CasePlan]:
+def plan_cases(
+    size: Size, roads: tuple[str, ...], seed: int, kinds: tuple[str, ...] = (), draws_weights: bool = False
+) -> list[CasePlan]:
     """Return the cases of a plan in random order; whoever knows the seed knows the labels.
 
     Tiny are 3 cases, quick is every effect at every level once, full four times, and more of the others.
+
+    Args:
+        size: how many.
+        roads: names of roads, taken in turn.
+        seed: of all that is random.
+        kinds: only cases of these kinds; of all unless given.
+        draws_weights: whether lane-change weights are drawn over their ranges.
     """
     rng = np.random.default_rng(seed)
     inside = [name for name, effect in EFFECTS.items() if not effect.is_outside]
@@ -72,8 +95,9 @@ def plan_cases(size: Size, roads: tuple[str, ...], seed: int) -> list[CasePlan]:
     names = [f"{number:08x}" for number in rng.choice(2**32, len(wanted), replace=False)]
     seeds = rng.integers(2**31 - 10_000, size=len(wanted))
     return [
-        CasePlan(name, roads[int(at) % len(roads)], wanted[at][0], wanted[at][1], wanted[at][2], int(case_seed))
+        CasePlan(name, roads[int(at) % len(roads)], *wanted[int(at)], int(case_seed), draws_weights)
         for name, at, case_seed in zip(names, order, seeds, strict=True)
+        if not kinds or wanted[at][0] in kinds
     ]
 
 
@@ -93,6 +117,9 @@ def draw_field(plan: CasePlan) -> DrawnField:
     is_far = plan.kind == "null_far"
     theta = {name: _drawn(float(BELIEVED_DRIVER[name]), (FAR if is_far else NEAR)[name], is_far, rng) for name in NEAR}
     width = FAR_INPUTS if is_far else NEAR_INPUTS
+    if plan.draws_weights:
+        weights = np.random.default_rng([plan.seed, 4])
+        theta |= {name: float(weights.uniform(*bounds)) for name, bounds in WEIGHTS.items()}
     inputs = {name: round(_drawn(value, width, is_far, rng), 1) for name, value in road.inputs_vehph.items()}
     attributes = BELIEVED_DRIVER | {name: f"{value:.4f}" for name, value in theta.items()}
     attributes |= OTHER_MODELS.get(plan.model, {})

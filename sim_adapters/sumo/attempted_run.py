@@ -1,6 +1,7 @@
 """A run in a worker process that may die: it is tried once more, and then its last words are kept."""
 
 import logging
+import pickle
 import shutil
 from collections.abc import Callable
 from concurrent.futures import Future
@@ -18,16 +19,17 @@ LOG_TAIL_CHARACTERS = 2000
 class AttemptedRun:
     """A run that has been started."""
 
-    def __init__(self, start: Callable[[], tuple[SumoJob, Future[SumoRun]]], seed: int) -> None:
+    def __init__(self, start: Callable[[], tuple[SumoJob, Future[bytes]]], seed: int) -> None:
         """Start the run.
 
         Args:
-            start: starts it and returns what is to be done, whose folder is removed after it, and what waits for it.
+            start: starts it and returns what is to be done, whose folder is removed after it, and what waits for the
+                packed run.
             seed: its seed, for the log.
         """
         self._start, self._seed = start, seed
         self._job: SumoJob
-        self._future: Future[SumoRun] | None
+        self._future: Future[bytes] | None
         self._job, self._future = start()
 
     def result(self) -> SumoRun | str:
@@ -41,7 +43,7 @@ class AttemptedRun:
             assert future is not None
             try:
                 with doing(Activity.WAITING):
-                    run = future.result()
+                    run = pickle.loads(future.result())  # noqa: S301 - packed by a process of our own
                 if oddity := oddity_of(run, self._job):
                     raise SumoFailedError(f"a worker answered with {oddity}")
                 sumo_took(run.cpu_s)

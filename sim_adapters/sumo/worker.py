@@ -3,10 +3,11 @@
 import csv
 import ctypes
 import os
+import pickle
 import re
 import signal
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -32,6 +33,23 @@ def begin_worker() -> None:
 
 class TruncatedOutputError(RuntimeError):
     """SUMO's output ends early; it says nothing when a disk is full."""
+
+
+def packed_run(run: Callable[[SumoJob], SumoRun], job: SumoJob) -> bytes:
+    """Make a run and pack it; what cannot be packed ends here in one line, and not the process that would send it.
+
+    Args:
+        run: makes it.
+        job: what there is to do.
+
+    Raises:
+        SumoFailedError: the answer cannot be sent to another process.
+    """
+    answer = run(job)
+    try:
+        return pickle.dumps(answer, pickle.HIGHEST_PROTOCOL)
+    except (pickle.PicklingError, AttributeError, TypeError):
+        raise SumoFailedError(f"a worker answered with a {type(answer).__name__} that cannot be sent") from None
 
 
 def run_job(job: SumoJob) -> SumoRun:

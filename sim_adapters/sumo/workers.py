@@ -15,7 +15,7 @@ from pebble import ProcessPool
 from sim_adapters.errors import WorkersEndedError
 from sim_adapters.sumo.attempted_run import AttemptedRun
 from sim_adapters.sumo.job import SumoJob, SumoRun
-from sim_adapters.sumo.worker import begin_worker, run_job
+from sim_adapters.sumo.worker import begin_worker, packed_run, run_job
 
 RUNS_PER_PROCESS = 200
 LONGEST_RUN_S = 1200.0
@@ -88,8 +88,8 @@ class LocalWorkers:
         """
         return AttemptedRun(partial(self.start, write), seed)
 
-    def start(self, write: WriteRun) -> tuple[SumoJob, Future[SumoRun]]:
-        """Start a run once; return what is to be done, whose folder is the caller's to remove, and what waits for it.
+    def start(self, write: WriteRun) -> tuple[SumoJob, Future[bytes]]:
+        """Start a run once; return what is to be done, whose folder the caller removes, and what brings it packed.
 
         Raises:
             WorkersEndedError: processes die at their start.
@@ -97,7 +97,7 @@ class LocalWorkers:
         folder = Path(tempfile.mkdtemp(prefix="run-", dir=self._scratch))
         job = write(folder)
         try:
-            return job, self._pool.schedule(run_job, args=(job,), timeout=self._longest_run_s)
+            return job, self._pool.schedule(packed_run, args=(run_job, job), timeout=self._longest_run_s)
         except RuntimeError as error:  # of a pool whose processes have all died at their start
             raise WorkersEndedError from error
 

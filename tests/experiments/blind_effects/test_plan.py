@@ -2,13 +2,14 @@
 
 import math
 from collections import Counter
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from experiments.blind_effects.effects import EFFECTS
 from experiments.blind_effects.manipulation import manipulation_check
-from experiments.blind_effects.plan import LEVELS, CasePlan, draw_field, plan_cases
+from experiments.blind_effects.plan import CALIBRATED, LEVELS, WEIGHTS, CasePlan, draw_field, plan_cases
 from experiments.blind_effects.traffic_files import arrivals_s, field_demand
 from experiments.roads.road import ROADS
 
@@ -47,6 +48,30 @@ def test_far_is_far_in_every_value(seed: int):
     label = draw_field(CasePlan("a", "corridor", "null_far", (), "IDM", seed)).label
     assert 0.2 <= abs(label["theta"]["tau"] / 1.1 - 1.0) <= 0.4 + 1e-4
     assert 0.075 <= abs(label["inputs"]["main"] / 3900.0 - 1.0) <= 0.15 + 1e-4
+
+
+def test_only_the_kinds_that_are_asked_for_are_planned():
+    every = plan_cases("quick", tuple(ROADS), 5)
+    assert plan_cases("quick", tuple(ROADS), 5, ("null", "pair")) == [
+        plan for plan in every if plan.kind in ("null", "pair")
+    ]
+
+
+def test_weights_are_drawn_over_their_ranges_and_calibrated_and_nothing_else_changes():
+    plain = CasePlan("a", "corridor", "single", (("blockage", "weak"),), "IDM", 3)
+    wide = [replace(plain, seed=seed, draws_weights=True) for seed in range(3, 43)]
+    assert set(wide[0].calibrated) == {*CALIBRATED, *WEIGHTS}
+    labels = [draw_field(plan).label for plan in wide]
+    for name, (low, high) in WEIGHTS.items():
+        values = np.asarray([label["theta"][name] for label in labels])
+        assert low <= values.min() < low + 0.2 * (high - low)
+        assert high - 0.2 * (high - low) < values.max() <= high
+    expected = draw_field(plain)
+    assert labels[0] == expected.label | {
+        "theta": expected.label["theta"] | {name: labels[0]["theta"][name] for name in WEIGHTS}
+    }
+    (driver,) = draw_field(wide[0]).without.drivers
+    assert float(driver.attributes["lcStrategic"]) == pytest.approx(labels[0]["theta"]["lcStrategic"])
 
 
 @pytest.mark.parametrize("effect", ["platooned_arrivals", "demand_surge"])

@@ -71,6 +71,11 @@ def go_back_in_time_first(job: SumoJob) -> SumoRun:
     return spoil_first(job, time_s=np.asarray([1.5, 1.5, 1.0, 1.0]))
 
 
+def answer_the_unsendable(job: SumoJob) -> Any:
+    note(job)
+    return lambda: job
+
+
 def answer_nothing(job: SumoJob) -> Any:
     """Answer with what is no run, each time."""
     note(job)

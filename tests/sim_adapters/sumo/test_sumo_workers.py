@@ -100,6 +100,16 @@ def test_who_never_answers_with_a_run_has_failed(make_runs: Run, tries: Callable
     assert tries(3) == 2
 
 
+def test_an_answer_that_cannot_be_sent_has_failed_in_one_line(
+    make_runs: Run, tries: Callable[[int], int], capfd: pytest.CaptureFixture[str]
+):
+    (outcome,) = make_runs(broken_workers.answer_the_unsendable, [3])
+    assert outcome.status is Status.FAILED
+    assert outcome.log_tail == "a worker answered with a function that cannot be sent"
+    assert tries(3) == 2
+    assert capfd.readouterr().err == ""
+
+
 def test_a_worker_that_dies_takes_no_other_run_along(make_runs: Run):
     seeds = [3, 2, 5, 4, 6]
     outcomes = make_runs(broken_workers.die_if_odd, seeds)
