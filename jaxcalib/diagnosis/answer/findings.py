@@ -27,6 +27,7 @@ class Findings:
     seed: int  # of the random numbers
     values: np.ndarray  # calibrated values
     moved: Sequence[str]  # names of those that no log shows, and that the features have moved from the scenario's
+    instead_of: str  # explanation that would be the best without that; empty where it would have been none
     fitted: Prepared  # null model and features of the drives to fit
     held_out: Prepared | None  # the same of held-out drives; None where there are none
     num_places: Mapping[str, int]  # how many places were looked at for each local effect

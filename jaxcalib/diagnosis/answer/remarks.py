@@ -67,9 +67,11 @@ def warnings_of(findings: Findings) -> list[str]:
             "slopes may be too coarse there."
         )
     if findings.moved:
+        otherwise = findings.instead_of.replace("_", " ")
         warnings.append(
             f"{', '.join(findings.moved)}: no log shows them by itself; they were moved to where the whole road "
             "behaves like the drives. Others may do as well: they explain the gap, and are no measurement."
+            + (f" Where they were, the best explanation was: {otherwise}." if otherwise else "")
         )
     if findings.held_out is None:
         warnings.append("case.toml: no drive is held out; how far the gap shrinks is not told.")

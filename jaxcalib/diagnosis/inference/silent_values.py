@@ -2,12 +2,13 @@
 
 Weights of lane changes show in no pair of leader and follower. They stay at the scenario's, which may be far from what
 drivers do, and by the small steps of a slope nobody gets there: what the road then lacks looks like something unknown.
-So before something is said to be missing, other values of theirs are tried over all that the logs leave open. They are
-one more explanation, judged as the others are: what each feature answers is fitted to runs spread over all of it, and
-what a few runs at one point leave open is smoothed by those at the others.
+So before something is said to be missing, other values of theirs are tried, as far from the scenario's as a search
+goes (`half_width_of`). They are one more explanation, judged as the others are: what each feature answers is fitted to
+runs spread over all of it, and what a few runs at one point leave open is smoothed by those at the others.
 
 Sources: response surfaces of second order, Box & Wilson (1951), J. R. Stat. Soc. B 13, 1, here without products, for
-which the runs are too few; spread points: Sobol (1967), USSR Comput. Math. Math. Phys. 7(4), 86.
+which the runs are too few; spread points: Sobol (1967), USSR Comput. Math. Math. Phys. 7(4), 86; shrinkage by the
+ratio of variances: James & Stein (1961), Proc. 4th Berkeley Symp. 1, 361, in its positive part.
 """
 
 from collections.abc import Sequence
@@ -30,6 +31,7 @@ from jaxcalib.problem.parameter_space import round_values
 
 POINTS_PER_VALUE = 6  # three for each coefficient; their number is raised to a power of two
 FEWEST_POINTS, MOST_POINTS = 8, 128
+LEAST_VARIANCE = 1e-12  # of what a fit leaves, in units of noise; runs without any noise divide by it
 LOOKED_AT = 256  # points of the fitted surface
 
 Values = Float[np.ndarray, " parameter"]
@@ -47,9 +49,12 @@ class OpenValues:
 
     @property
     def num_points(self) -> int:
-        """How many points show how features answer; 0 where nothing is open."""
-        wanted = POINTS_PER_VALUE * int(self.is_silent.sum())
-        return 0 if not wanted else int(2 ** np.ceil(np.log2(np.clip(wanted, FEWEST_POINTS, MOST_POINTS))))
+        """How many points show how features answer; 0 where nothing is open, or more than points can tell apart."""
+        num_silent = int(self.is_silent.sum())
+        if not 0 < 2 * num_silent < MOST_POINTS:
+            return 0
+        wanted = np.clip(POINTS_PER_VALUE * num_silent, FEWEST_POINTS, MOST_POINTS)
+        return int(2 ** np.ceil(np.log2(wanted)))
 
     def spread(self, num_points: int, seed: int) -> list[Values]:
         """Return values whose silent ones are spread evenly between bounds, while the others stay."""
@@ -70,27 +75,59 @@ class FittedAnswer:
 
     open_values: OpenValues
     coefficients: Float[np.ndarray, "coefficient feature"]
-    spread: Feature  # standard deviation of what runs at a point differ from it by
-    inverse: Float[np.ndarray, "coefficient coefficient"]  # covariance of the coefficients, in units of that
+    # covariance of each feature's coefficients; inf where fewer than two points for each show the feature
+    covariance: Float[np.ndarray, "feature coefficient coefficient"]
 
     @staticmethod
     def to_runs(open_values: OpenValues, points: Sequence[Values], shifts: Sequence[Feature]) -> "FittedAnswer | None":
-        """Fit what runs at points show; None where they are too few."""
+        """Fit what runs at points show; None where they are too few.
+
+        All shifts are from the same runs where the values stay, and share what chance made of these: those are one
+        more point of the fit, whose height is free. Coefficients that chance alone would make as large are shrunk
+        towards nothing, all by the same factor: the best of many points on a surface of noise would fit any drives.
+
+        Args:
+            open_values: what is open.
+            points: values at which runs were made.
+            shifts: change of the features there, in units of noise; NaN where a feature was not seen.
+        """
         if not points:
             return None
-        design, seen = open_values.moved(points), np.stack(shifts)
-        num_free = len(design) - design.shape[1]
-        if num_free < 1 or np.linalg.matrix_rank(design) < design.shape[1]:
+        moved = np.vstack([np.zeros(2 * int(open_values.is_silent.sum())), open_values.moved(points)])
+        seen = np.vstack([np.zeros(len(shifts[0])), *shifts])
+        num_coefficients, num_features = moved.shape[1], seen.shape[1]
+        coefficients = np.zeros((num_coefficients, num_features))
+        covariance = np.full((num_features, num_coefficients, num_coefficients), np.inf)
+        ratios = np.full(num_features, np.nan)
+        patterns, pattern_of = np.unique(np.isfinite(seen), axis=1, return_inverse=True)
+        for number, rows in enumerate(patterns.T):
+            alike = pattern_of.ravel() == number
+            away = moved[rows] - moved[rows].mean(axis=0)
+            num_free = len(away) - 1 - num_coefficients
+            if num_free < num_coefficients or np.linalg.matrix_rank(away) < num_coefficients:
+                continue
+            inverse = np.linalg.inv(away.T @ away)
+            coefficients[:, alike] = inverse @ away.T @ seen[np.ix_(rows, alike)]
+            fitted = away @ coefficients[:, alike]
+            rest = seen[np.ix_(rows, alike)] - seen[np.ix_(rows, alike)].mean(axis=0) - fitted
+            variance = np.sum(rest**2, axis=0) / num_free
+            covariance[alike] = variance[:, None, None] * inverse
+            ratios[alike] = np.sum(fitted**2, axis=0) / num_coefficients / np.maximum(variance, LEAST_VARIANCE)
+        if np.isnan(ratios).all():
             return None
-        inverse = np.linalg.inv(design.T @ design)
-        coefficients = inverse @ design.T @ seen
-        spread = np.sqrt(np.sum((seen - design @ coefficients) ** 2, axis=0) / num_free)
-        return FittedAnswer(open_values, coefficients, spread, inverse)
+        return FittedAnswer(open_values, coefficients * _shrinkage(float(np.nanmean(ratios))), covariance)
 
     def at(self, point: Values) -> tuple[Feature, Feature]:
-        """Return the change of the features at a point, and its standard error."""
+        """Return the change of the features at a point, and its standard error; inf where it is not known."""
         (moved,) = self.open_values.moved([point])
-        return moved @ self.coefficients, self.spread * np.sqrt(moved @ self.inverse @ moved)
+        is_known = np.isfinite(self.covariance[:, 0, 0])
+        variance = np.einsum("c,fcd,d->f", moved, np.where(is_known[:, None, None], self.covariance, 0.0), moved)
+        return moved @ self.coefficients, np.where(is_known, np.sqrt(variance), np.inf)
+
+
+def _shrinkage(ratio: float) -> float:
+    """Return the factor on coefficients whose variance is such a multiple of what chance makes (F ratio)."""
+    return max(0.0, 1.0 - 1.0 / ratio) if ratio > 0.0 else 0.0
 
 
 def likeliest_values(answer: FittedAnswer, difference: Feature, null: NullModel, seed: int) -> tuple[Values, float]:
@@ -111,31 +148,43 @@ def likeliest_values(answer: FittedAnswer, difference: Feature, null: NullModel,
 def _gain(difference: Feature, null: NullModel, shift: Feature, error: Feature) -> float:
     """Return the log evidence for a shift that the surrogate predicts, which may be wrong by as much as an effect's.
 
-    Its standard error widens the present values, too: what is wide fits, and few runs are wide.
+    Its standard error widens the present values, too: what is wide fits, and few runs are wide. A feature of which no
+    shift is known says nothing.
     """
-    knees = knees_of(null.cells)
+    known = np.isfinite(error)
+    difference, shift, error, knees = difference[known], shift[known], error[known], knees_of(null.cells)[known]
     judged, moved = squeezed(difference, knees), squeezed(shift, knees)
-    wide = null.covariance + prediction_error(shift, error, 0.0, knees)
+    wide = null.covariance[np.ix_(known, known)] + prediction_error(shift, error, 0.0, knees)
     before, _ = log_density(judged, wide)
     wrong = prediction_error(shift, np.zeros_like(error), SIGNATURE_ERROR, knees)
     return log_density(judged - moved, wide + wrong)[0] - before
 
 
-def evidence_between(values: Feature, cells: Sequence[Cell], one: NullModel, other: NullModel) -> float:
-    """Return the log evidence of feature values for one null model above another, over the features that both have.
+def shared_features(one: NullModel, other: NullModel) -> list[Cell]:
+    """Return the features that two null models both have, in the order of the second."""
+    known = set(one.cells)
+    return [cell for cell in other.cells if cell in known]
 
-    Each has units of noise of its own, so that densities are those of the values themselves.
+
+def evidence_between(one: NullModel, one_difference: Feature, other: NullModel, other_difference: Feature) -> float:
+    """Return the log evidence of drives for one null model above another, over the features that both have.
+
+    Each has units of noise of its own, so that densities are those of the values themselves; and each has counted the
+    drives by the drivers that it expects, which moves what is counted, and does not stretch it.
+
+    Args:
+        one: null model.
+        one_difference: of the drives from it, in its units of noise.
+        other: the null model above which it is judged.
+        other_difference: likewise.
     """
-    known = [cell for cell in cells if cell in set(one.cells) and cell in set(other.cells)]
-    at = {cell: value for cell, value in zip(cells, values, strict=True)}
-    told = np.asarray([at[cell] for cell in known])
-    return _log_density_of_values(told, known, one) - _log_density_of_values(told, known, other)
+    shared = shared_features(one, other)
+    return _log_density_of_values(one_difference, shared, one) - _log_density_of_values(other_difference, shared, other)
 
 
-def _log_density_of_values(values: Feature, cells: Sequence[Cell], null: NullModel) -> float:
+def _log_density_of_values(difference: Feature, cells: Sequence[Cell], null: NullModel) -> float:
     place = {cell: number for number, cell in enumerate(null.cells)}
     at = np.asarray([place[cell] for cell in cells])
-    deviation, knees = null.deviation[at], knees_of(cells)
-    difference = (values - null.mean[at]) / deviation
-    density, _ = log_density(squeezed(difference, knees), null.covariance[np.ix_(at, at)])
-    return density - float(np.sum(np.log(deviation * np.hypot(1.0, difference / knees))))
+    judged, knees = difference[at], knees_of(cells)
+    density, _ = log_density(squeezed(judged, knees), null.covariance[np.ix_(at, at)])
+    return density - float(np.sum(np.log(null.deviation[at] * np.hypot(1.0, judged / knees))))

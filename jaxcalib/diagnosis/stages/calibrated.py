@@ -13,7 +13,7 @@ from jaxtyping import Float
 
 from jaxcalib.calibration.first_values import find_first_values
 from jaxcalib.calibration.scenario_runs import start_scenario_runs
-from jaxcalib.calibration.stages.search_box import half_width_of
+from jaxcalib.calibration.stages.search_box import half_width_of, search_box
 from jaxcalib.diagnosis.stages.session import DiagnosisSession
 from jaxcalib.field.seen_range import seen_perception
 from jaxcalib.field.sensor_errors import HONEST
@@ -50,10 +50,11 @@ class Calibrated:
 
     @property
     def bounds(self) -> tuple[Values, Values]:
-        """Least and largest value of each parameter that the drives leave open."""
+        """Least and largest value of each parameter that the drives leave open: where a search would look."""
         space = self.initial.space
-        unit, half_width = space.unit_of(self.initial.values), half_width_of(self.initial.unit_error)
-        low, high = space.values_of(np.stack([unit - half_width, unit + half_width]).clip(0.0, 1.0))
+        unit = space.unit_of(self.initial.values)
+        box = search_box(unit, range(len(unit)), half_width_of(self.initial.unit_error))
+        low, high = space.values_of(np.stack([box.lower, box.upper]))
         return low, high
 
 

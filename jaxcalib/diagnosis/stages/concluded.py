@@ -39,6 +39,7 @@ def gather_findings(
         seed=session.seed,
         values=baseline.values,
         moved=simulated.moved(session.problem.layout.names),
+        instead_of=simulated.instead_of,
         fitted=baseline.fitted,
         held_out=judged.held_out,
         num_places=num_places,

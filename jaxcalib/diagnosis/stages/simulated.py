@@ -24,6 +24,7 @@ class Simulated:
     maker: BaselineMaker  # makes baselines at other values
     converged: Converged  # where baselines led
     default: DriveTallies | None  # tallies of SUMO runs of the scenario as it is; None where they failed
+    instead_of: str = ""  # explanation that would be the best, had values that no log shows not been moved
 
     @property
     def baseline(self) -> Baseline:

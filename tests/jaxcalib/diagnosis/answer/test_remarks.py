@@ -20,12 +20,15 @@ def findings(
     departs_s: Sequence[float] = (300.0, 320.0),
     steps: Sequence[float] = (0.0, 0.0, 0.0),
     moved: Sequence[str] = (),
+    instead_of: str = "",
     held_out: Any = "some",
 ) -> Findings:
     drives = [SimpleNamespace(depart_s=depart_s) for depart_s in departs_s]
     problem = SimpleNamespace(warnings=list, layout=SimpleNamespace(names=NAMES), case=SimpleNamespace(drives=drives))
     fitted = SimpleNamespace(tallies=range(num_drives), difference=np.asarray(steps), null=NULL)
-    return cast(Findings, SimpleNamespace(problem=problem, fitted=fitted, moved=moved, held_out=held_out))
+    return cast(
+        Findings, SimpleNamespace(problem=problem, fitted=fitted, moved=moved, instead_of=instead_of, held_out=held_out)
+    )
 
 
 def test_usual_drives_need_no_warning():
@@ -39,6 +42,10 @@ def test_usual_drives_need_no_warning():
         (findings(departs_s=(300.0, 300.0)), "all drives depart at the same time"),
         (findings(steps=(0.5, -4.0, 1.0)), "tau: the features would move them farther"),
         (findings(moved=("lcSpeedGain", "lcStrategic")), "lcSpeedGain, lcStrategic: no log shows them by itself"),
+        (
+            findings(moved=("lcSpeedGain",), instead_of="lane_change_relaxation"),
+            "Where they were, the best explanation was: lane change relaxation.",
+        ),
         (findings(held_out=None), "no drive is held out"),
     ],
 )

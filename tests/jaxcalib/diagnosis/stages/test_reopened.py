@@ -11,8 +11,12 @@ from jaxcalib.calibration.stages.evaluator import AllRunsFailedError
 from jaxcalib.diagnosis.features.features import Cell, Channel, DriveTallies
 from jaxcalib.diagnosis.features.noise import NullModel, null_model
 from jaxcalib.diagnosis.inference.baseline import Baseline, BaselineMaker, Converged
+from jaxcalib.diagnosis.inference.investigation import NotTestableError
 from jaxcalib.diagnosis.inference.marginal_likelihood import Explained
+from jaxcalib.diagnosis.inference.overdispersion import LEAST_TEMPERATURE
+from jaxcalib.diagnosis.inference.silent_values import evidence_between
 from jaxcalib.diagnosis.inference.sumo_check import Checked
+from jaxcalib.diagnosis.inference.verdict import LEAST_EVIDENCE
 from jaxcalib.diagnosis.runs.finished_parts import FinishedParts
 from jaxcalib.diagnosis.runs.trial_book import TrialBook
 from jaxcalib.diagnosis.runs.trials import BASELINE, Trial
@@ -27,7 +31,8 @@ ANSWER = np.random.default_rng(5).normal(1.0, 0.3, NUM_FEATURES)  # of features 
 NAMES = ("main", "tau", "lcSpeedGain")
 VALUES = np.asarray([3000.0, 1.2, 1.0])  # of an inflow, of a time gap, and of a weight that the logs do not show
 BOUNDS = np.asarray([2500.0, 1.1, 0.2]), np.asarray([3500.0, 1.3, 5.0])
-FIRST_SLOPE_RUNS, SILENT_RUNS, LOOK_RUNS = 12, 8, 40
+FIRST_SLOPE_RUNS, SLOPE_RUNS, SILENT_RUNS, LOOK_RUNS = 12, 32, 8, 40
+FIRST_NULL_RUNS, DEFAULT_RUNS = 24, 6
 
 Road = Callable[[float], float]  # what a silent value moves features by, in units of ANSWER
 
@@ -56,34 +61,46 @@ class Runner:
 class Maker:
     """Makes baselines in a SUMO of its own."""
 
-    def __init__(self, is_silent: bool, sumo: Road | None) -> None:
+    def __init__(
+        self, is_silent: bool, sumo: Road | None, whole: Road | None, cells: tuple[Cell, ...], law: float
+    ) -> None:
         self.error = np.asarray([100.0, 0.02, np.inf if is_silent else 0.1])
         self.bounds = BOUNDS
         self.begin = VALUES
-        self.sumo = sumo
+        self.sumo, self.with_all_runs, self.cells, self.law = sumo, whole, cells, law
         self.asked: list[float] = []
 
     def at(self, values: np.ndarray, runner: Any) -> Baseline:
         self.asked.append(float(values[2]))
         if self.sumo is None:
             raise AllRunsFailedError("the values failed in SUMO", "")
-        return baseline_at(values, self.sumo)
+        return baseline_at(values, self.sumo, FIRST_NULL_RUNS, self.cells, self.law)
 
     def whole(self, first: Baseline) -> Baseline:
-        return first
+        if self.with_all_runs is None:
+            raise NotTestableError("too few runs reach the end")
+        return baseline_at(first.values, self.with_all_runs, NUM_NULL, self.cells, self.law)
 
 
-def baseline_at(values: np.ndarray, sumo: Road) -> Baseline:
-    plain = drives(float(values[2]), NUM_NULL, 1, sumo)
-    nothing = np.zeros((NUM_FEATURES, 1))
-    below = np.full(NUM_FEATURES, float(NUM_FIELD))
-    null: NullModel = null_model(CELLS, below, plain, nothing, nothing, np.ones(1), None, NUM_FIELD)
-    field = drives(3.4, NUM_FIELD, 2)
-    fitted = SimpleNamespace(null=null, difference=null.standardised(field.values()), tallies=field)
+def baseline_at(
+    values: np.ndarray, sumo: Road, num_null: int = NUM_NULL, cells: tuple[Cell, ...] = CELLS, law: float = 0.0
+) -> Baseline:
+    """Return a baseline; `law` is what its own expectation of drivers adds to what is counted."""
+    chosen = [CELLS.index(cell) for cell in cells]
+    plain, field = (
+        DriveTallies(cells, tallies.above[:, chosen] + law, tallies.below[:, chosen], tallies.depart_s)
+        for tallies in (drives(float(values[2]), num_null, 1, sumo), drives(3.4, NUM_FIELD, 2))
+    )
+    nothing = np.zeros((len(cells), 1))
+    below = np.full(len(cells), float(NUM_FIELD))
+    null: NullModel = null_model(cells, below, plain, nothing, nothing, np.ones(1), None, NUM_FIELD)
+    difference = null.standardised(field.values())
+    fitted = SimpleNamespace(null=null, difference=difference, tallies=field)
     in_sumo = SimpleNamespace(default=lambda: None)
     made = SimpleNamespace(
-        values=values, fitted=fitted, runs=SimpleNamespace(plain=plain), runner=None, in_sumo=in_sumo
-    )
+        values=values, fitted=fitted, runs=SimpleNamespace(plain=plain), runner=None, in_sumo=in_sumo,
+        difference=difference, by_chance=float(len(cells)),
+    )  # fmt: skip
     return cast(Baseline, made)
 
 
@@ -92,17 +109,26 @@ def reopened(
     is_silent: bool = True,
     surrogate: Road = as_it_is,
     sumo: Road | None = as_it_is,
+    whole: Road | None = as_it_is,
     others: float = 20.0,
+    cells: tuple[Cell, ...] = CELLS,
+    law: float = 0.0,
 ) -> tuple[Simulated, Simulated, Maker]:
     """Return the simulation before and after, and what made it."""
-    maker = Maker(is_silent, sumo)
-    before = Simulated(cast(BaselineMaker, maker), Converged(baseline_at(VALUES, as_it_is), 1, 0), None)
+    maker = Maker(is_silent, sumo, whole, cells, law)
+    default = drives(1.0, DEFAULT_RUNS, 3)
+    before = Simulated(cast(BaselineMaker, maker), Converged(baseline_at(VALUES, as_it_is), 1, 0), default)
     known = {BASELINE: drives(1.0, SILENT_RUNS, 9, surrogate)}
     book = TrialBook(cast(Any, Runner(surrogate)), FinishedParts(None), "", known, lambda number: None)
     explained = [Explained("unknown", -100.0 + others), Explained("none", -100.0)]
     checked = Checked(explained, {}, (), LOOK_RUNS)
-    plan = SimpleNamespace(first_slope_runs=FIRST_SLOPE_RUNS, silent_runs=SILENT_RUNS)
-    session = cast(Any, SimpleNamespace(seed=0, plan=plan, stopwatch=Stopwatch(lambda: 0.0)))
+    plan = SimpleNamespace(
+        first_slope_runs=FIRST_SLOPE_RUNS, slope_runs=SLOPE_RUNS, silent_runs=SILENT_RUNS,
+        first_null_drives=FIRST_NULL_RUNS,
+    )  # fmt: skip
+    case = SimpleNamespace(drives=[SimpleNamespace(depart_s=300.0)])
+    alone = SimpleNamespace(template=SimpleNamespace(can_share_runs=False), case=case)
+    session = cast(Any, SimpleNamespace(seed=0, plan=plan, problem=alone, stopwatch=Stopwatch(lambda: 0.0)))
     judged = cast(Judged, SimpleNamespace(verdict=SimpleNamespace(kind=verdict), grounds=SimpleNamespace(pairs=None)))
     return before, reopen_silent_values(session, before, book, checked, judged), maker
 
@@ -114,8 +140,11 @@ def test_a_silent_value_that_explains_the_drives_is_moved_there():
     assert after.baseline.values[2] == pytest.approx(3.4, abs=0.6)  # of eight values between 0.2 and 5
     assert maker.asked == [after.baseline.values[2]]
     assert (before.moved(NAMES), after.moved(NAMES)) == ([], ["lcSpeedGain"])
+    assert (before.instead_of, after.instead_of) == ("", "unknown")
+    assert after.baseline.runs.plain.num_runs == NUM_NULL
     assert after.converged.num_baselines == 2
-    assert after.converged.num_sumo_runs == LOOK_RUNS
+    # looks and the scenario's own runs, and those of the values given up beyond their first
+    assert after.converged.num_sumo_runs == LOOK_RUNS + DEFAULT_RUNS + NUM_NULL - FIRST_NULL_RUNS
     assert after.converged.num_surrogate_runs == SILENT_RUNS * 9  # the baseline's, and eight values
 
 
@@ -146,17 +175,39 @@ def test_what_changes_nothing_in_the_surrogate_is_not_tried_in_sumo():
 
 
 @pytest.mark.parametrize(
-    ("sumo", "others"),
+    ("options", "num_slope_runs", "num_sumo_runs"),
     [
-        (lambda weight: 1.0, 20.0),  # SUMO does not say so
-        (None, 20.0),  # its runs fail there
-        (as_it_is, 1e6),  # another explanation is better
+        ({"sumo": lambda weight: 1.0, "whole": lambda weight: 1.0}, SLOPE_RUNS, NUM_NULL - FIRST_NULL_RUNS),
+        ({"whole": lambda weight: 1.0}, SLOPE_RUNS, NUM_NULL - FIRST_NULL_RUNS),  # its first runs do, all do not
+        ({"sumo": None}, 0, 0),  # runs fail there
+        ({"whole": None}, SLOPE_RUNS, 0),  # further ones do
+        ({"others": 1e6}, SLOPE_RUNS, NUM_NULL - FIRST_NULL_RUNS),  # another explanation is better
+        ({"cells": CELLS[: NUM_FEATURES // 2]}, SLOPE_RUNS, NUM_NULL - FIRST_NULL_RUNS),  # half is no longer seen there
     ],
 )
-def test_sumo_has_the_last_word(sumo: Road | None, others: float):
-    before, after, maker = reopened(sumo=sumo, others=others)
+def test_sumo_has_the_last_word(options: dict[str, Any], num_slope_runs: int, num_sumo_runs: int):
+    before, after, maker = reopened(**options)
     assert len(maker.asked) == 1
     assert after.baseline is before.baseline
     assert after.converged.num_baselines == 2
-    assert after.converged.num_surrogate_runs == 7 * FIRST_SLOPE_RUNS
-    assert after.converged.num_sumo_runs == 0
+    assert after.converged.num_surrogate_runs == 7 * num_slope_runs
+    assert after.converged.num_sumo_runs == num_sumo_runs
+
+
+def test_as_much_better_as_between_explanations_is_enough():
+    """What they explain less than twice five above, and the eight chances that they had, is not enough."""
+    alone = baseline_at(VALUES, as_it_is)
+    needed = LEAST_TEMPERATURE * (LEAST_EVIDENCE + np.log(8))
+    _, near, maker = reopened(others=0.0)
+    assert near.baseline.values[2] == maker.asked[0]
+    found = baseline_at(near.baseline.values, as_it_is)
+    gain = evidence_between(found.fitted.null, found.difference, alone.fitted.null, alone.difference)
+    for beyond, is_moved in ((1.0, True), (-1.0, False)):
+        _, after, _ = reopened(others=gain - needed - beyond)
+        assert bool(after.instead_of) == is_moved
+
+
+def test_drives_and_runs_are_counted_by_the_same_expected_drivers():
+    """What others expect of drivers moves what is counted of both alike; held against the old count it would deny."""
+    _, after, maker = reopened(law=6.0)
+    assert after.baseline.values[2] == maker.asked[0] != VALUES[2]
