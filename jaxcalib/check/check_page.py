@@ -49,7 +49,7 @@ def write_check_page(check: CaseCheck, file: Path) -> None:
         ResourceError: the disk is full.
     """
     page = check_html(check)
-    with writing_to(file.parent):
+    with writing_to(file):
         file.parent.mkdir(parents=True, exist_ok=True)
         write_atomically(file, lambda stream: stream.write(page.encode()))
 

@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
+from jaxcalib.cli.options import WholeNumber
 from jaxcalib.importers.registry import IMPORTERS
 
 
@@ -36,7 +37,8 @@ def check(case: Path, /, *, out: Path | None = None) -> int:
     if code := guarded(work, "nothing was changed."):
         return code
     code, page = print_check(found[0]), out or case / "check.html"
-    return guarded(lambda: leave_page(found[0], page), "no figure was written.") or code
+    is_asked_for = out is not None
+    return guarded(lambda: leave_page(found[0], page, is_asked_for=is_asked_for), "no figure was written.") or code
 
 
 def import_(
@@ -47,7 +49,7 @@ def import_(
     out: Path,
     scenario: Path | None = None,
     subject: Annotated[tuple[str, ...], Parameter(consume_multiple=True, negative="")] = (),
-    probes: Annotated[int, Parameter(validator=Number(gte=1, lte=1000))] = 8,
+    probes: Annotated[WholeNumber, Parameter(validator=Number(gte=1, lte=1000))] = 8,
     range_m: Annotated[float | None, Parameter(validator=Number(gt=0, lte=1000))] = None,
     occlusion: Annotated[bool, Parameter(negative="")] = False,
     begin_s: Annotated[float | None, Parameter(validator=Number(gte=0, lte=1e7))] = None,

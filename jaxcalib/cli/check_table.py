@@ -38,11 +38,20 @@ def print_check(check: CaseCheck) -> int:
     return EXIT_CASE_WRONG if check.refusals else 0
 
 
-def leave_page(check: CaseCheck, file: Path) -> str:
-    """Write the page, and return the line that says where; one that cannot be written is said on standard error."""
+def leave_page(check: CaseCheck, file: Path, *, is_asked_for: bool) -> str:
+    """Write the page, and return the line that says where.
+
+    One that nobody asked for, and that cannot be written, is said on standard error.
+
+    Raises:
+        CaseError: the place that was asked for cannot be written to.
+        ResourceError: its disk is full.
+    """
     try:
         write_check_page(check, file)
     except (CaseError, ResourceError) as error:
+        if is_asked_for:
+            raise
         print(f"jaxcalib: no figure: {error}", file=sys.stderr)
         return ""
     return f"figure: {file}"

@@ -6,6 +6,8 @@ from typing import Annotated
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
+from jaxcalib.cli.options import WholeNumber
+
 
 def fit_following(
     pairs: Path,
@@ -15,7 +17,7 @@ def fit_following(
     model: str = "idm",
     held_out_share: Annotated[float, Parameter(validator=Number(gte=0.0, lte=0.8))] = 0.5,
     drop_bad_pairs: Annotated[bool, Parameter(negative="")] = False,
-    seed: Annotated[int, Parameter(validator=Number(gte=0))] = 0,
+    seed: Annotated[WholeNumber, Parameter(validator=Number(gte=0))] = 0,
 ) -> int:
     """Fit a car-following model to recorded leader-follower pairs, all at once.
 

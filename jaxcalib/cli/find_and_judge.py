@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from jaxcalib.cli.options import Budget, CalibratedRun, CaseFolder, Cluster, Profile, Quiet, Seed
+from jaxcalib.cli.options import Budget, CalibratedRun, CaseFolder, Cluster, Profile, Quiet, Seed, WholeNumber
 
 
 def calibrate(
@@ -39,7 +39,7 @@ def calibrate(
         Simulator that makes the search's runs: the surrogate where it can follow the scenario (auto), or SUMO alone.
     """
     from jaxcalib.calibration.pipeline import calibrate as run
-    from jaxcalib.cli.guarded import guarded
+    from jaxcalib.cli.guarded import guarded, to_go_on
     from jaxcalib.cli.profile_table import print_profile
     from jaxcalib.cli.terminal import TerminalProgress, summary
     from jaxcalib.runs.profile import profiled
@@ -54,7 +54,7 @@ def calibrate(
             print_profile()
         return "" if quiet else summary(result, out)
 
-    return guarded(work, f"go on with: jaxcalib calibrate {case} --out {out} --resume", out)
+    return guarded(work, to_go_on("--resume"), out)
 
 
 def diagnose(
@@ -81,7 +81,7 @@ def diagnose(
         Go on with a diagnosis that was stopped.
     """
     from jaxcalib.cli.diagnosis_summary import summary
-    from jaxcalib.cli.guarded import guarded
+    from jaxcalib.cli.guarded import guarded, to_go_on
     from jaxcalib.cli.profile_table import print_profile
     from jaxcalib.cli.terminal import TerminalProgress
     from jaxcalib.diagnosis.run import diagnose as run
@@ -94,7 +94,7 @@ def diagnose(
             print_profile()
         return "" if quiet else summary(found, out)
 
-    return guarded(work, f"go on with: jaxcalib diagnose {case} --out {out} --resume", out)
+    return guarded(work, to_go_on("--resume"), out)
 
 
 def validate(
@@ -103,7 +103,7 @@ def validate(
     /,
     *,
     out: Path | None = None,
-    seeds: Annotated[int, Parameter(validator=Number(gte=3, lte=1000))] = 20,
+    seeds: Annotated[WholeNumber, Parameter(validator=Number(gte=3, lte=1000))] = 20,
     drives: Literal["held_out", "fit"] | None = None,
     counts: Path | None = None,
     margins: Path | None = None,
@@ -144,9 +144,9 @@ def sweep(
     *,
     out: Path,
     design: str = "sobol:1024",
-    seeds: Annotated[int, Parameter(validator=Number(gte=1))] = 4,
+    seeds: Annotated[WholeNumber, Parameter(validator=Number(gte=1))] = 4,
     engine: Literal["surrogate", "sumo"] = "surrogate",
-    seed: Annotated[int, Parameter(validator=Number(gte=0, lte=2000))] = 0,
+    seed: Annotated[WholeNumber, Parameter(validator=Number(gte=0, lte=2000))] = 0,
     parameters: Annotated[tuple[str, ...] | None, Parameter(consume_multiple=True, negative="")] = None,
     settings: Path | None = None,
     shard: str | None = None,

@@ -1,5 +1,6 @@
 """What becomes of a command's errors: one line for the user, and an exit code."""
 
+import shlex
 import sys
 import tempfile
 from collections.abc import Callable
@@ -15,6 +16,12 @@ EXIT_SIMULATOR_FAILED = 3
 EXIT_RESOURCE = 4
 EXIT_STOPPED = 130
 LOG_FILE = "simulator.log"
+
+
+def to_go_on(*more: str) -> str:
+    """Return how to go on with the command that stands on the command line, with options that it needs for that."""
+    words = sys.argv[1:]
+    return f"go on with: {shlex.join(['jaxcalib', *words, *(word for word in more if word not in words)])}"
 
 
 def guarded(work: Callable[[], str], go_on: str, folder: Path | None = None, program: str = "jaxcalib") -> int:

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from jaxcalib.cli.options import CalibratedRun, CaseFolder, Quiet
+from jaxcalib.cli.options import CalibratedRun, CaseFolder, Quiet, WholeNumber
 
 
 def dossier(
@@ -48,7 +48,7 @@ def export(
     out: Path,
     to: Literal["osi", "openscenario", "fcd"] = "osi",
     drive: str | None = None,
-    seed: Annotated[int, Parameter(validator=Number(gte=0, lte=2_000_000_000))] = 0,
+    seed: Annotated[WholeNumber, Parameter(validator=Number(gte=0, lte=2_000_000_000))] = 0,
     range_m: Annotated[float | None, Parameter(validator=Number(gt=0))] = None,
     free_subject: Annotated[bool, Parameter(negative="")] = False,
     quiet: Quiet = False,

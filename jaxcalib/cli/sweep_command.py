@@ -1,15 +1,13 @@
 """`jaxcalib sweep` as a person meets it: messages, exit codes, what to do next."""
 
-import shlex
 import signal
-import sys
 from pathlib import Path
 from types import FrameType
 
 import pyarrow.parquet as pq
 
 from jaxcalib.calibration.stages.evaluator import AllRunsFailedError
-from jaxcalib.cli.guarded import guarded
+from jaxcalib.cli.guarded import guarded, to_go_on
 from jaxcalib.cli.profile_table import print_profile
 from jaxcalib.errors import CaseError
 from jaxcalib.runs.profile import profiled
@@ -36,7 +34,7 @@ def run_sweep(case: Path | None, out: Path, options: SweepOptions, *, merge: boo
 
     before = signal.signal(signal.SIGTERM, _stop)  # batch systems send it before they kill
     try:
-        return guarded(work, f"go on with: {shlex.join(['jaxcalib', *sys.argv[1:]])}")
+        return guarded(work, to_go_on())
     finally:
         signal.signal(signal.SIGTERM, before)
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from jaxcalib.cli.guarded import guarded
+from jaxcalib.cli.guarded import guarded, to_go_on
 from jaxcalib.cli.profile_table import print_profile
 from jaxcalib.cli.terminal import TerminalProgress
 from jaxcalib.runs.profile import profiled
@@ -45,8 +45,7 @@ def run_validation(options: ValidateOptions) -> int:
             print_profile()
         return "" if options.quiet else _summary(result, folder)
 
-    again = f"jaxcalib validate {options.case} {options.run} --seeds {options.seeds} --resume"
-    return guarded(work, f"go on with: {again}", folder)
+    return guarded(work, to_go_on("--resume"), folder)
 
 
 def _summary(result: ValidationResult, folder: Path) -> str:

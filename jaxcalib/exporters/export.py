@@ -1,6 +1,8 @@
 """One run of the calibrated traffic around the subject vehicle, written for another simulator."""
 
+import gzip
 import tempfile
+import xml.etree.ElementTree as ET
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -74,9 +76,10 @@ def export(
             if subject not in vehicles:
                 why = f"expected '{subject}' to find room on its first edge; the run ends before."
                 raise CaseError(problem.scenario.configuration.file, "", why)
-            return write(RecordedRun(problem, fcd, vehicles, folder, name))
+            said = write(RecordedRun(problem, fcd, vehicles, folder, name))
         except ScenarioError as error:
             raise CaseError(error.file, "", error.message) from None
+    return [*said, *(f"warning: {line}" for line in calibrated.warnings)]
 
 
 def _writer(to: Format, range_m: float | None, free_subject: bool) -> Write:
@@ -100,7 +103,8 @@ def _writer(to: Format, range_m: float | None, free_subject: bool) -> Write:
 
 
 def _leave_fcd(recorded: RecordedRun) -> list[str]:
-    number = len(recorded.vehicles)
+    with gzip.open(recorded.fcd, "rb") as stream:  # a kind is known of those that left before it begins, too
+        number = len({one.get("id") for _, one in ET.iterparse(stream) if one.tag == "vehicle"})
     return [f"{recorded.fcd}: {number} vehicles, SUMO's floating car data; the network is the scenario's."]
 
 

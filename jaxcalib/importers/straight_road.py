@@ -19,6 +19,7 @@ LEAST_WIDTH_M = 2.5
 LEAST_LIMIT_KMH = 120.0  # congested recordings do not show the limit; desired speeds are calibrated in any case
 UPSTREAM_M, DOWNSTREAM_M = 500.0, 200.0  # of the recorded stretch: who enters has found lane and speed when it is seen
 FASTEST = 99.0  # percentile of the speeds
+STANDS_SHARE = 0.8  # of a recording's stretch is occupied at once, in the mean, where the camera stands
 EDGE = "road"
 IDM = {  # Treiber & Kesting 2013, Table 11.2, motorway
     "carFollowModel": "IDM", "tau": "1.0", "minGap": "2.0", "accel": "1.0", "decel": "1.5",
@@ -53,19 +54,34 @@ def straight_road_of(table: Frame, speed_limit_mps: float | None = None) -> Stra
         end_m=end_m,
         right_m=float(bounds_m[0]),
         widths_m=tuple(map(float, np.diff(bounds_m))),
-        vehicles_per_hour={kind: _flow_vehph(table, mine, end_m - begin_m) for kind, mine in kinds.items()},
+        vehicles_per_hour={kind: _flow_vehph(table, mine) for kind, mine in kinds.items()},
         lengths_m={kind: _length_m(table, mine, USUAL_LENGTH_M[kind]) for kind, mine in kinds.items()},
         speed_limit_mps=limit_mps,
     )
 
 
-def _flow_vehph(table: Frame, vehicles: Frame, length_m: float) -> float:
-    """Flow by Edie's definition (1963): way driven by all, by length and duration of what was recorded."""
+def _flow_vehph(table: Frame, vehicles: Frame) -> float:
+    """Flow by Edie's definition (1963): way driven by all, by length times duration of what each recording shows."""
     recording = table["recording"] if "recording" in table else pd.Series(0, table.index)
-    lasted_s = float(table.groupby(recording)["time_s"].agg(np.ptp).sum())
+    area_ms = sum(_shown_ms(rows) for _, rows in table.groupby(recording))
     mine = table[table["vehicle"].isin(vehicles)]
     way_m = float(mine.groupby([recording[mine.index], "vehicle"])["x_m"].agg(np.ptp).sum())
-    return float(vehph_from_vehps(way_m / max(length_m * lasted_s, 1e-9)))
+    return float(vehph_from_vehps(way_m / max(area_ms, 1e-9)))
+
+
+def _shown_ms(recording: Frame) -> float:
+    """Length times duration of what a recording shows.
+
+    A camera that stands shows the same stretch all the time. Where vehicles never are on most of it at once, as in
+    parts that were cut out around some of them, it is what is occupied at each instant: n places drawn evenly from a
+    stretch span (n - 1) / (n + 1) of it.
+    """
+    whole_m, lasted_s = np.ptp(recording["x_m"]), np.ptp(recording["time_s"])
+    at_once = recording.groupby("time_s")["x_m"].agg(["min", "max", "size"])
+    several = at_once["size"] > 1
+    stretched_m = (at_once["max"] - at_once["min"]) * (at_once["size"] + 1) / (at_once["size"] - 1).where(several)
+    seen_m = float(stretched_m.clip(upper=whole_m).fillna(whole_m).mean())
+    return float(lasted_s * (whole_m if seen_m > STANDS_SHARE * whole_m else seen_m))
 
 
 def _length_m(table: Frame, vehicles: Frame, usual_m: float) -> float:

@@ -13,7 +13,7 @@ from filelock import FileLock, Timeout
 import sim_adapters
 import surrogate
 from jaxcalib.case.case import Case
-from jaxcalib.errors import CaseError, quote
+from jaxcalib.errors import CaseError, quote, shorten
 from jaxcalib.runs.disk import writing_to
 from jaxcalib.runs.journal import Journal
 from sim_adapters.atomic_file import write_atomically
@@ -143,8 +143,18 @@ def check_identity(file: Path, found: dict[str, Any], identity: dict[str, str]) 
         raise CaseError(file, "case", f"{SAYS['case']} ({quote(parts['case'].rpartition(' ')[0])}).")
     for part in ("options", "program"):
         if parts[part] != identity[part]:
-            detail = f" ({parts[part]})" if part == "options" else ""
+            detail = f" ({_differing(parts[part], identity[part])})" if part == "options" else ""
             raise CaseError(file, part, f"{SAYS[part]}{detail}; name another one to begin anew.")
+
+
+def _differing(begun: str, now: str) -> str:
+    """Return which options differ, and how."""
+    try:
+        one, other = json.loads(begun), json.loads(now)
+        names = [name for name in sorted({*one, *other}) if one.get(name) != other.get(name)]
+    except (ValueError, TypeError, AttributeError):
+        return shorten(begun)
+    return ", ".join(f"{name} {quote(one.get(name))}, not {quote(other.get(name))}" for name in names)
 
 
 def read_identity(file: Path) -> dict[str, Any]:

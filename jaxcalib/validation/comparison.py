@@ -59,8 +59,8 @@ def compare_distributions(field: ObservedDrives, rounds: ObservedDrives) -> Tabl
         in_field = distances(name, field.histograms[name].sum(axis=0), total)
         by_chance = np.asarray([distances(name, counts, total - counts) for counts in per_round])
         table[name] = {
-            kind: _within_chance(in_field[number], by_chance[:, number])
-            for number, kind in enumerate(("kolmogorov_smirnov", "wasserstein"))
+            kind: _within_chance(in_field[number], by_chance[:, number], most)
+            for number, (kind, most) in enumerate((("kolmogorov_smirnov", 1.0), ("wasserstein", np.inf)))
         }
     return table
 
@@ -98,11 +98,11 @@ def travel_time_table(names: tuple[str, ...], field: ObservedDrives, rounds: Obs
     return table
 
 
-def _within_chance(value: float, by_chance: Float[np.ndarray, " round"]) -> dict[str, Any]:
+def _within_chance(value: float, by_chance: Float[np.ndarray, " round"], most: float = np.inf) -> dict[str, Any]:
     return {
         "value": rounded(value),
         "among_simulated": rounded(_mean(by_chance)),
-        "limit": rounded(upper_limit(by_chance)),
+        "limit": rounded(min(upper_limit(by_chance), most)),
         "p_value": rounded(exceedance(by_chance, value)),
     }
 

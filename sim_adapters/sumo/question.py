@@ -44,6 +44,7 @@ def start_worker(
     process = subprocess.Popen(
         [sys.executable, "-m", module], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
         encoding="utf-8", errors="replace", env=os.environ | {"LIBSUMO_AS_TRACI": "quiet"},
+        start_new_session=True,  # a terminal's Ctrl-C is the command's; SUMO would be said to have failed
     )  # fmt: skip
     assert process.stdin is not None
     process.stdin.write(json.dumps(question))

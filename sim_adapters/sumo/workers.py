@@ -3,9 +3,11 @@
 import multiprocessing
 import os
 import shutil
+import signal
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Protocol
@@ -97,7 +99,8 @@ class LocalWorkers:
         folder = Path(tempfile.mkdtemp(prefix="run-", dir=self._scratch))
         job = write(folder)
         try:
-            return job, self._pool.schedule(packed_run, args=(run_job, job), timeout=self._longest_run_s)
+            with _interrupts_held():
+                return job, self._pool.schedule(packed_run, args=(run_job, job), timeout=self._longest_run_s)
         except RuntimeError as error:  # of a pool whose processes have all died at their start
             raise WorkersEndedError from error
 
@@ -106,3 +109,19 @@ class LocalWorkers:
         self._pool.stop()
         self._pool.join()
         shutil.rmtree(self._scratch, ignore_errors=True)
+
+
+@contextmanager
+def _interrupts_held() -> Iterator[None]:
+    """Hold a terminal's Ctrl-C back from processes that start meanwhile, and from threads that start others later.
+
+    It is the command's, which ends them; they would say at which line they were. It comes when this is over.
+    """
+    if not hasattr(signal, "pthread_sigmask"):  # Windows
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)

@@ -149,7 +149,8 @@ def _judge_acceleration(windows: SubjectWindows, motion: DriveMotion) -> list[Co
     elif scale < -0.5:
         words, is_refused = "accelerations have the opposite sign of the change of speed; + is speeding up.", True
     elif unit:
-        words, is_refused = f"accelerations are {scale:.2f} times too small: {unit}? They are to be in m/s^2.", True
+        by = f"{scale:.2f} times too small" if scale >= 1.0 else f"{1.0 / scale:.2f} times too large"
+        words, is_refused = f"accelerations are {by}: {unit}? They are to be in m/s^2.", True
     else:
         words = f"the speed changes {scale:.2f} times as fast as accelerations say."
         is_refused = abs(scale - 1.0) > ACCELERATION_REFUSED

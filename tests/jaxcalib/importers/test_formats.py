@@ -100,6 +100,23 @@ def test_the_road_that_a_recording_shows(kind: str, tmp_path: Path, scenario: Pa
     assert road.speed_limit_mps == pytest.approx(36.11 if kind.startswith("highd") else 36.03, abs=1.0)
 
 
+def test_flow_where_recordings_show_parts_that_move_with_their_vehicles():
+    """Cut out of a steady stream of 1,800 veh/h in each of two lanes, at 25 m/s."""
+    rows = []
+    for recording in range(3):
+        for number in range(200):
+            for time_s in np.arange(0.0, 10.0, 0.5):
+                x_m = 25.0 * time_s - 25.0 * number
+                begin_m = 25.0 * time_s - 250.0 - 40.0 * recording
+                if begin_m <= x_m <= begin_m + 200.0:
+                    lane = 1 + number % 2
+                    rows.append((f"{recording}", f"{recording}-{number}", time_s, x_m, 3.5 * lane, 25.0, lane, 4.5))
+    names = ["recording", "vehicle", "time_s", "x_m", "y_m", "speed_mps", "lane", "length_m"]
+    road = straight_road_of(pd.DataFrame(rows, columns=names))
+    assert road.vehicles_per_hour["car"] == pytest.approx(3600.0, rel=0.12)
+    assert road.vehicles_per_hour["truck"] == 0.0
+
+
 @pytest.mark.parametrize("kind", ["ngsim in feet", "highd, upper carriageway", "table", "fcd, csv"])
 def test_an_imported_case_passes_the_check(kind: str, tmp_path: Path, scenario: Path):
     name, write = WRITERS[kind]

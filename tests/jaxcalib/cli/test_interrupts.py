@@ -1,0 +1,54 @@
+"""Ctrl-C ends a command wherever it comes, and how to go on is said in its own words."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from jaxcalib.cli.guarded import to_go_on
+from tests.places import ROOT
+
+# A callback that swallows what is raised in it, as the garbage collector's do: the interrupt comes while it is at work.
+SWALLOWED = """
+import time
+from jaxcalib.cli.interrupts import end_wherever_interrupted
+
+class Callback:
+    def __del__(self):
+        print("ready", flush=True)
+        time.sleep(30.0)
+
+end_wherever_interrupted()
+try:
+    Callback()
+    time.sleep(30.0)
+except KeyboardInterrupt:
+    print("stopped", flush=True)
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
+def test_an_interrupt_that_a_callback_swallows_is_given_again():
+    process = subprocess.Popen(
+        [sys.executable, "-c", SWALLOWED], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=ROOT,
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+    )  # fmt: skip
+    assert process.stdout is not None
+    assert process.stdout.readline() == "ready\n"
+    time.sleep(0.1)
+    process.send_signal(signal.SIGINT)
+    out, errors = process.communicate(timeout=20.0)
+    assert (process.returncode, out, errors) == (0, "stopped\n", "")
+
+
+def test_the_whole_command_is_what_goes_on(monkeypatch: pytest.MonkeyPatch):
+    words = ["validate", "a case", "run", "--out", "v", "--drives", "fit"]
+    monkeypatch.setattr(sys, "argv", ["/bin/jaxcalib", *words])
+    expected = "go on with: jaxcalib validate 'a case' run --out v --drives fit"
+    assert to_go_on() == expected
+    assert to_go_on("--resume") == f"{expected} --resume"
+    monkeypatch.setattr(sys, "argv", ["/bin/jaxcalib", *words, "--resume"])
+    assert to_go_on("--resume") == f"{expected} --resume"
