@@ -183,3 +183,8 @@ def test_packed_networks_and_several_files_with_spaces_in_their_names(folder: Pa
     assert found.first_run is not None
     assert found.first_run.arrived_s is not None
     assert not list(folder.rglob("my loop_one.xml"))  # checking writes nothing
+
+
+def test_a_page_that_was_asked_for_and_cannot_be_written_is_an_error(folder: Path, capsys: pytest.CaptureFixture[str]):
+    assert check(folder, out=folder) == EXIT_CASE_WRONG
+    assert f"{folder.name}: expected a folder that can be written to" in capsys.readouterr().err

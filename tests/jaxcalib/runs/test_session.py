@@ -47,3 +47,13 @@ def test_parts_that_are_timed_apart_do_not_count_in_the_session():
         assert set(apart.stopwatch.wall_s) == {"stage1"}
         assert apart.journal is session.journal
         assert session.elapsed_s > session.stopwatch.wall_s["refit"]
+
+
+def test_a_refusal_names_the_options_that_differ(tmp_path: Path):
+    begun = IDENTITY | {"options": '{"budget": 0.5, "seed": 3, "settings": "a long text"}'}
+    with open_session(tmp_path / "run", begun):
+        pass
+    now = IDENTITY | {"options": '{"budget": 1.0, "engine": "sumo", "seed": 3, "settings": "a long text"}'}
+    with pytest.raises(CaseError) as refused, open_session(tmp_path / "run", now, resume=True):
+        pass
+    assert '(budget 0.5, not 1.0, engine None, not "sumo"); name another' in str(refused.value)

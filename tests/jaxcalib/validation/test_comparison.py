@@ -1,11 +1,13 @@
 """Prediction intervals, distances and errors of trajectories against closed forms and coverage."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jaxcalib.validation.comparison import compare_trajectories
+from jaxcalib.validation.comparison import compare_distributions, compare_trajectories
 from jaxcalib.validation.distributions import BORDERS, distances
 from jaxcalib.validation.observer import ObservedDrives
 from jaxcalib.validation.prediction import exceedance, predict, upper_limit
@@ -91,3 +93,15 @@ def test_a_field_like_the_simulation_is_told_from_one_unlike(field_mps: list[flo
     for one in compare_trajectories(drives(np.asarray(field_mps)), rounds).values():
         assert (one["value"] <= one["limit"]) == is_like
         assert (one["p_value"] >= 0.05) == is_like
+
+
+def test_no_limit_of_a_share_is_above_one():
+    """Three rounds that never meet: their scatter alone would allow more than there can be."""
+    counts = np.zeros((3, 1, 240))
+    counts[[0, 1, 2], 0, [3, 90, 91]] = 5.0
+    of_all = {name: np.resize(counts, (3, 1, len(borders) - 1)) * 0.0 for name, borders in BORDERS.items()}
+    rounds = replace(drives(np.full((3, 1), 15.0)), histograms=of_all | {"subject_speed_mps": counts})
+    field = replace(drives(np.full(1, 15.0)), histograms={name: one[0] for name, one in rounds.histograms.items()})
+    found = compare_distributions(field, rounds)["subject_speed_mps"]
+    assert found["kolmogorov_smirnov"]["limit"] == 1.0
+    assert found["wasserstein"]["limit"] > 1.0

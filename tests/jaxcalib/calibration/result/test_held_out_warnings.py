@@ -2,13 +2,14 @@
 
 import re
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any, cast
 
 import pytest
 
 from jaxcalib.calibration.confirmation.final_errors import FinalErrors
 from jaxcalib.calibration.objective.accuracy import TRAFFIC_LEVEL, VEHICLE_LEVEL, VEHICLE_LEVEL_SUM, Effectiveness
-from jaxcalib.calibration.result.error_tables import ErrorsByRole, held_out_warnings
+from jaxcalib.calibration.result.error_tables import ErrorsByRole, effectiveness_table, held_out_warnings
 
 Errors = Mapping[str, float | None]
 BEFORE = dict.fromkeys(VEHICLE_LEVEL, 0.2) | dict.fromkeys(TRAFFIC_LEVEL, 0.1)
@@ -74,3 +75,14 @@ def test_errors_that_are_not_known_count_for_nothing():
     unknown = dict.fromkeys(TRAFFIC_LEVEL[1:]) | {TRAFFIC_LEVEL[0]: 0.4}
     (line,) = held_out_warnings(errors_of(unknown))
     assert [float(number) for number in re.findall(r"\d+\.\d+", line)] == pytest.approx([0.4, 0.1, 0.16])
+
+
+def test_what_drives_do_not_show_has_no_noise_floor():
+    errors = errors_of({"cut_ins": None, "traffic_speed": float("nan")})
+    now = errors["calibrated"]["held_out"]
+    assert now is not None
+    errors["calibrated"]["held_out"] = replace(now, floor=dict.fromkeys(now.pooled.errors, 0.3))
+    errors["calibrated"]["fit"] = None
+    floor = effectiveness_table(errors, {})["noise_floor"]["held_out"]
+    assert {name for name, error in floor.items() if error is None} == {"cut_ins", "traffic_speed"}
+    assert floor["traffic_volume"] == 0.3

@@ -1,4 +1,4 @@
-"""Ctrl-C ends a command wherever it comes, and how to go on is said in its own words."""
+"""What a command takes, how to go on in its own words, and Ctrl-C, which ends it wherever it comes."""
 
 import os
 import signal
@@ -8,6 +8,7 @@ import time
 
 import pytest
 
+from jaxcalib.cli.app import app
 from jaxcalib.cli.guarded import to_go_on
 from tests.places import ROOT
 
@@ -52,3 +53,11 @@ def test_the_whole_command_is_what_goes_on(monkeypatch: pytest.MonkeyPatch):
     assert to_go_on("--resume") == f"{expected} --resume"
     monkeypatch.setattr(sys, "argv", ["/bin/jaxcalib", *words, "--resume"])
     assert to_go_on("--resume") == f"{expected} --resume"
+
+
+@pytest.mark.parametrize("number", ["1.5", "1e3", "x"])
+def test_what_is_no_whole_number_is_refused(number: str, capsys: pytest.CaptureFixture[str]):
+    with pytest.raises(SystemExit) as ended:
+        app(["calibrate", "case", "--out", "run", "--seed", number])
+    assert ended.value.code != 0
+    assert f"expected a whole number, got {number}" in capsys.readouterr().err
