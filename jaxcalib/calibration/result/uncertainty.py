@@ -22,25 +22,38 @@ def parameter_errors(record: CalibrationRecord) -> Float[np.ndarray, " parameter
     what their errors add up to on average is taken off; no direction ends up with less than nothing.
 
     Source: Nocedal & Wright, Numerical Optimization, ch. 10; parameters whose profile is flat get a wide interval. The
-    correction is that of errors in variables: Fuller (1987), Measurement Error Models, ch. 2.2.
+    correction is that of errors in variables: Fuller (1987), Measurement Error Models, ch. 2.2. Where the result leaves
+    more in SUMO than noise does, something is wrong that no noise stands for, and the moments know as much less: the
+    ratio of Birge (1932), Phys. Rev. 40, 207, never below 1.
     """
     objective, space = record.confirmation.objective, record.initial.space
     if objective.is_relative:  # relative errors have no noise that an error could follow from
         return np.full(len(space.names), np.inf)
     box = search_box(record.confirmation.best, range(len(space.names)), record.found.half_width)
     surface = local_surface(objective, box, record.found.judged, record.confirmation.best)
-    information = information_of(surface, len(objective.moments.names)) / np.outer(*[surface.radius * box.width] * 2)
+    best = record.confirmation.finalists[record.confirmation.winner]
+    excess = birge_ratio(best.accuracy, objective.relative_noise)
+    per_step = information_of(surface, len(objective.moments.names), excess)
+    information = per_step / np.outer(*[surface.radius * box.width] * 2)
     variance = np.diag(np.linalg.pinv(information, rcond=LEAST_EIGENVALUE**2, hermitian=True))
     is_known = (np.diag(information) > 1.0) & (variance > 0.0)  # an error of more than the whole range is no knowledge
     return np.where(is_known, np.sqrt(np.maximum(variance, 0.0)), np.inf)
 
 
-def information_of(surface: ResponseSurface, num_moments: int) -> Float[np.ndarray, "parameter parameter"]:
+def birge_ratio(accuracy: float, relative_noise: float) -> float:
+    """Return the root mean square of residuals in units of their noise behind an accuracy; 1 where it is less."""
+    return max(1.0, (1.0 - accuracy) / relative_noise)
+
+
+def information_of(
+    surface: ResponseSurface, num_moments: int, excess: float = 1.0
+) -> Float[np.ndarray, "parameter parameter"]:
     """Return the information on the parameters in a surface's slopes, per unit of its steps.
 
     Args:
         surface: of whitened residuals.
         num_moments: residuals of noisy moments; those behind them are the logs' evidence, whose slopes are exact.
+        excess: by how much more than their noise moments are off in the mean; the logs' evidence is not asked.
     """
     moments, evidence = surface.slope[:num_moments], surface.slope[num_moments:]
     noise = np.sum(surface.slope_covariance[:num_moments], axis=0)
@@ -48,4 +61,4 @@ def information_of(surface: ResponseSurface, num_moments: int) -> Float[np.ndarr
     if np.isfinite(noise).all():
         value, vector = np.linalg.eigh(moments.T @ moments - noise)
         known = (vector * np.maximum(value, 0.0)) @ vector.T
-    return known + evidence.T @ evidence
+    return known / excess**2 + evidence.T @ evidence

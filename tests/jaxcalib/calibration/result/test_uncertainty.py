@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from jaxcalib.calibration.result.uncertainty import information_of
+from jaxcalib.calibration.result.uncertainty import birge_ratio, information_of
 from jaxcalib.search.least_squares.response_surface import ResponseSurface, fit_response_surface
 
 NUM_MOMENTS, NUM_PARAMETERS, NUM_POINTS = 60, 5, 24
@@ -42,3 +42,17 @@ def test_no_direction_gets_less_than_the_logs_say() -> None:
     for seed in range(20):
         information = information_of(fitted(np.zeros((NUM_MOMENTS, NUM_PARAMETERS)), seed, 2.0), NUM_MOMENTS)
         assert np.linalg.eigvalsh(information - EVIDENCE.T @ EVIDENCE).min() > -1e-6
+
+
+def test_moments_that_are_off_by_more_than_noise_know_less_and_the_logs_as_much() -> None:
+    slope = np.random.default_rng(9).normal(size=(NUM_MOMENTS, NUM_PARAMETERS))
+    of_logs = EVIDENCE.T @ EVIDENCE
+    once, thrice = (information_of(fitted(slope, 1, 0.0), NUM_MOMENTS, excess) for excess in (1.0, 3.0))
+    np.testing.assert_allclose(thrice - of_logs, (once - of_logs) / 9.0, rtol=1e-6, atol=1e-9)
+
+
+def test_the_ratio_is_what_residuals_have_beyond_their_noise() -> None:
+    residuals, relative_noise = np.asarray([3.0, -1.0, 2.0, -2.0]), 0.06
+    accuracy = 1.0 - relative_noise * float(np.sqrt(np.mean(residuals**2)))  # as `Objective.accuracy` has it
+    np.testing.assert_allclose(birge_ratio(accuracy, relative_noise), np.sqrt(4.5))
+    assert birge_ratio(0.97, relative_noise) == 1.0
