@@ -97,6 +97,7 @@ def test_require_scenario_names_only_what_is_missing(case_folder: Path):
 
 
 LENGTH = "expected a number > 0 and at most 100000"
+VEHICLE_LENGTH = "expected a vehicle's length in m, a number > 0 and at most 30"
 NAME = "text of 1 to 200 characters, none of them a control character"
 STEM = "text of 1 to 200 characters without / and \\, not beginning with a dot"
 
@@ -109,8 +110,9 @@ STEM = "text of 1 to 200 characters without / and \\, not beginning with a dot"
         ("ahead_m   = 150.0", "ahead_m = -1", f"perception.ahead_m: {LENGTH}, got -1."),
         ("behind_m  = 120.0", "behind_m = 0", f"perception.behind_m: {LENGTH}, got 0."),
         ("behind_m  = 120.0", "behind_m = inf", f"perception.behind_m: {LENGTH}, got inf."),
-        ("4.8", "nan", f"perception.nominal_length_m: {LENGTH}, got nan."),
-        ("4.8", "0.0", f"perception.nominal_length_m: {LENGTH}, got 0.0."),
+        ("4.8", "nan", f"perception.nominal_length_m: {VEHICLE_LENGTH}, got nan."),
+        ("4.8", "0.0", f"perception.nominal_length_m: {VEHICLE_LENGTH}, got 0.0."),
+        ("4.8", "4800.0", f"perception.nominal_length_m: {VEHICLE_LENGTH}, got 4800.0."),
         ('"front"', '"centre"', 'perception.reference: expected "front" (front bumper to front bumper), got "centre".'),
         ("ahead_m ", "ahed_m ", 'perception.ahed_m: expected no such key; did you mean "ahead_m"?'),
         ("ahead_m   = 150.0\n", "", f"perception.ahead_m: {LENGTH}; missing."),

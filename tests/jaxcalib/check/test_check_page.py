@@ -269,14 +269,24 @@ def test_the_page_goes_where_it_is_asked_for(code: int, tmp_path: Path, capsys: 
 
 
 @pytest.mark.parametrize("place", ["beneath a file", "where nothing can be made"])
-def test_a_place_that_cannot_be_written_changes_no_exit_code(
+def test_a_place_that_was_asked_for_and_cannot_be_written_is_an_error(
     place: str, code: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
     (tmp_path / "file").write_text("mine")
     page = tmp_path / "file/check.html" if place == "beneath a file" else Path("/proc/jaxcalib/check.html")
-    assert check(tmp_path, out=page) == code
+    assert check(tmp_path, out=page) == EXIT_CASE_WRONG
     said = capsys.readouterr()
     assert "figure:" not in said.out
-    assert said.err.splitlines()[-1].startswith("jaxcalib: no figure: ")
-    assert "expected a folder that can be written to" in said.err.splitlines()[-1]
+    assert said.err.splitlines()[-1].startswith("jaxcalib: check.html: expected a folder that can be written to")
+    assert len(said.err.splitlines()) == (2 if code else 1)
+
+
+def test_a_page_that_nobody_asked_for_and_that_cannot_be_written_changes_no_exit_code(
+    code: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    (tmp_path / "check.html").mkdir()
+    assert check(tmp_path) == code
+    said = capsys.readouterr()
+    assert "figure:" not in said.out
+    assert said.err.splitlines()[-1].startswith("jaxcalib: no figure: check.html: ")
     assert len(said.err.splitlines()) == (2 if code else 1)

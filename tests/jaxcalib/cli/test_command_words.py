@@ -14,6 +14,7 @@ from tests.places import ROOT
 
 # A callback that swallows what is raised in it, as the garbage collector's do: the interrupt comes while it is at work.
 SWALLOWED = """
+import signal
 import time
 from jaxcalib.cli.interrupts import end_wherever_interrupted
 
@@ -22,6 +23,8 @@ class Callback:
         print("ready", flush=True)
         time.sleep(30.0)
 
+signal.signal(signal.SIGINT, signal.default_int_handler)  # whoever runs in the background is made to ignore it
+signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
 end_wherever_interrupted()
 try:
     Callback()
