@@ -21,11 +21,9 @@ MOST_DOTS = 20  # dotted keys cost quadratic time in the standard library's pars
 LONGEST_NAME = 200
 
 # Every number has bounds on both sides, for TOML knows `inf` and `nan`.
-# The longest lorries on European roads have 25.25 m.
-VehicleLength = Annotated[
-    float, Meta(gt=0.0, le=30.0, description="a vehicle's length in m, a number > 0 and at most 30")
-]
 PositiveLength = Annotated[float, Meta(gt=0.0, le=100_000.0, description="a number > 0 and at most 100000")]
+_VEHICLE = "a vehicle's length in m, a number > 0 and at most 30"  # the longest lorries of Europe have 25.25 m
+VehicleLength = Annotated[float, Meta(gt=0.0, le=30.0, description=_VEHICLE)]
 Instant = Annotated[float, Meta(ge=0.0, le=1e7, description="a number >= 0 and at most 1e7")]
 Duration = Annotated[float, Meta(gt=0.0, le=1e7, description="a number > 0 and at most 1e7")]
 StepLength = Annotated[float, Meta(gt=0.0, le=10.0, description="a number > 0 and at most 10")]

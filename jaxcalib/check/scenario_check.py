@@ -82,7 +82,7 @@ def _run_line(run: FirstRun) -> str:
         did = f"enters at {run.entered_s:g} s and is under way"
     else:
         return f"In a run of SUMO the subject vehicle enters at {run.entered_s:g} s and arrives at {run.arrived_s:g} s."
-    short = "" if run.is_whole else f"; a check lets SUMO compute for {FIRST_RUN_S:g} s, and judges no further"
+    short = "" if run.is_whole else "; a check gives SUMO a moment only, and judges no further"
     return f"In a run of SUMO the subject vehicle {did} at {run.reached_s:g} s{short}."
 
 

@@ -2,20 +2,12 @@
 
 from typing import Any
 
-import numpy as np
-
 from jaxcalib.calibration.confirmation.final_errors import FinalErrors
 from jaxcalib.calibration.objective.accuracy import TRAFFIC_LEVEL, VEHICLE_LEVEL_SUM
 from jaxcalib.calibration.result.result import rounded
 
 ErrorsByRole = dict[str, dict[Any, FinalErrors | None]]
 LEVELS = {"single vehicles": (VEHICLE_LEVEL_SUM,), "the traffic flow": TRAFFIC_LEVEL}
-
-
-def is_shown(errors: FinalErrors, name: str) -> bool:
-    """Return whether drives show a measure; one that they do not has no error, and no noise floor either."""
-    error = errors.pooled.errors[name]
-    return error is not None and bool(np.isfinite(error))
 
 
 def effectiveness_table(errors: ErrorsByRole, notes: dict[str, str]) -> dict[str, dict[str, dict[str, float | None]]]:
@@ -26,13 +18,14 @@ def effectiveness_table(errors: ErrorsByRole, notes: dict[str, str]) -> dict[str
         for role, one in by_role.items():
             moes[calibration][role] = {name: rounded(error) for name, error in one.pooled.errors.items()} if one else {}
             notes |= {f"moes.{calibration}.{role}.{k}": v for k, v in (one.pooled.notes.items() if one else ())}
-    moes["noise_floor"] = {
-        role: {name: rounded(error) if is_shown(one, name) else None for name, error in one.floor.items()}
-        if one
-        else {}
-        for role, one in errors["calibrated"].items()
-    }
+    moes["noise_floor"] = {role: _floor_table(one) if one else {} for role, one in errors["calibrated"].items()}
     return moes
+
+
+def _floor_table(errors: FinalErrors) -> dict[str, float | None]:
+    """Return the noise floor of each measure; what drives do not show has no error, and no floor either."""
+    is_shown = {name: rounded(errors.error(name)) is not None for name in errors.floor}
+    return {name: rounded(floor) if is_shown[name] else None for name, floor in errors.floor.items()}
 
 
 def vehicle_level_table(errors: ErrorsByRole) -> dict[str, dict[str, Any]]:
