@@ -5,6 +5,7 @@ to do. Processor times of the command and of the processes that it starts, which
 """
 
 import contextlib
+import itertools
 import json
 import os
 import re
@@ -30,6 +31,7 @@ from experiments.results.record import record as keep
 
 Command = Literal["calibrate", "diagnose"]
 STAGE = re.compile(r"^\s*\d+% (?P<stage>.+?)(?: accuracy \S+)?\s*$")
+MOST_COLUMNS = 400  # of the picture; what takes half an hour would have a column for each second
 BEGINNING = "start"  # before the command names its first stage
 COLORS = {"command": "#1f6fb4", "SUMO": "#e08a1e"}
 app = App(name="experiments.benchmarks.timeline", help="What keeps the cores busy, second by second.")
@@ -70,8 +72,8 @@ def timeline(
     rows = by_stage(seconds, cores)
     Console().print_json(json.dumps({"command": command, "case": case.name, "stages": rows}), indent=None)
     if record:
-        picture = FOLDER / f"timeline_{command}.svg"
-        draw(seconds, cores, picture)
+        picture = FOLDER / f"timeline_{command}_{case.resolve().name}.svg"
+        draw(coarser(seconds), cores, picture)
         title = f"`jaxcalib {command}` by second and core: {case.name}"
         keep("benchmarks", f"timeline-{command}-{case.name}", rows, title, [f"![{title}]({picture.name})"])
     return 0
@@ -158,6 +160,19 @@ def by_stage(seconds: Sequence[Second], cores: int) -> list[dict[str, Any]]:
             }
         )
     return rows
+
+
+def coarser(seconds: Sequence[Second], most: int = MOST_COLUMNS) -> list[Second]:
+    """Return as many spans as a picture can show, none of them over two stages."""
+    together = -(-len(seconds) // most)
+    spans: list[Second] = []
+    for _, group in itertools.groupby(seconds, key=lambda second: second.stage):
+        of_stage = list(group)
+        for begin in range(0, len(of_stage), together):
+            part = of_stage[begin : begin + together]
+            times = (sum(getattr(one, name) for one in part) for name in ("length_s", "command_s", "sumo_s"))
+            spans.append(Second(part[-1].end_s, part[-1].stage, *times))
+    return spans
 
 
 def draw(seconds: Sequence[Second], cores: int, path: Path) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 import psutil
 import pytest
 
-from experiments.benchmarks.timeline import BEGINNING, Second, by_stage, draw, processor_times, stage_of
+from experiments.benchmarks.timeline import BEGINNING, Second, by_stage, coarser, draw, processor_times, stage_of
 
 SECONDS = [
     Second(1.0, BEGINNING, 1.0, 0.9, 0.0),
@@ -48,6 +48,18 @@ def test_the_picture_names_every_stage(tmp_path: Path) -> None:
     draw(SECONDS, 2, tmp_path / "timeline.svg")
     text = (tmp_path / "timeline.svg").read_text(encoding="utf-8")
     assert all(second.stage in text for second in SECONDS)
+
+
+def test_a_picture_of_a_long_command_has_few_columns_and_all_of_its_work() -> None:
+    seconds = [Second(0.5 + i, "first" if i < 7 else "second", 1.0, 0.1 * i, 0.01 * i) for i in range(23)]
+    spans = coarser(seconds, most=6)
+    assert [(span.stage, span.length_s) for span in spans] == [
+        ("first", 4.0), ("first", 3.0), ("second", 4.0), ("second", 4.0), ("second", 4.0), ("second", 4.0),
+    ]  # fmt: skip
+    assert spans[0].end_s == 3.5 and spans[-1].end_s == seconds[-1].end_s
+    assert sum(span.command_s for span in spans) == pytest.approx(sum(second.command_s for second in seconds))
+    assert sum(span.sumo_s for span in spans) == pytest.approx(sum(second.sumo_s for second in seconds))
+    assert coarser(seconds, most=23) == seconds
 
 
 def test_a_process_that_ends_while_it_is_asked_hides_no_other() -> None:
