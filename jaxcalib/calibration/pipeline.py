@@ -31,7 +31,7 @@ from jaxcalib.problem.engines import (
 )
 from jaxcalib.problem.parameter_space import parameter_space, round_values
 from jaxcalib.problem.problem import CalibrationProblem, read_problem
-from jaxcalib.problem.settings import Settings, read_settings
+from jaxcalib.problem.settings import Settings, naming, read_settings
 from jaxcalib.runs.disk import check_out, check_outside
 from jaxcalib.runs.journal import JournaledSumo, JournaledSurrogate
 from jaxcalib.runs.progress import Progress
@@ -88,8 +88,9 @@ def calibrate(
     prepare_devices(len(os.sched_getaffinity(0)))
     problem = read_problem(case)
     demand = problem.template.base_demand_vehph()
-    parameter_space(problem.layout, problem.model, demand, chosen.scaling_factor, chosen.bounds)  # are they sound?
-    all_moments(problem.measures, problem.tally_index, chosen.also_match)
+    with naming(settings):  # are they sound?
+        parameter_space(problem.layout, problem.model, demand, chosen.scaling_factor, chosen.bounds)
+        all_moments(problem.measures, problem.tally_index, chosen.also_match)
     in_sumo = is_searched_in_sumo(problem, engine)
     options = {"seed": seed, "budget": budget, "settings": repr(chosen)} | ({"engine": "sumo"} if in_sumo else {})
     identity = identify(problem.case, options)

@@ -1,8 +1,10 @@
 """Options of a calibration beyond the command line, from an optional TOML file."""
 
 import tomllib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import msgspec
 from msgspec import Meta
@@ -10,6 +12,7 @@ from msgspec import Meta
 from jaxcalib.errors import CaseError, quote, shorten
 from jaxcalib.search.registry import OPTIMISERS
 
+SETTINGS = "settings"  # what errors call them that come from no file
 Part = Literal["logs", "optimiser", "polish", "gradients", "correction"]
 
 
@@ -58,14 +61,38 @@ def read_settings(file: Path | None) -> Settings:
     """
     if file is None:
         return Settings()
+    table: dict[str, Any] = {}
     try:
-        return msgspec.convert(tomllib.loads(file.read_text(encoding="utf-8")), Settings)
+        table = tomllib.loads(file.read_text(encoding="utf-8"))
+        return msgspec.convert(table, Settings)
     except OSError as error:
         raise CaseError(file, "", f"expected a settings file: {shorten(error.strerror or str(error))}.") from None
     except msgspec.ValidationError as error:
         message, _, place = str(error).partition(" - at ")
-        raise CaseError(
-            file, place.strip("`").removeprefix("$").removeprefix("."), f"{shorten(message, 150)}."
-        ) from None
+        place = place.strip("`").removeprefix("$").removeprefix(".")
+        if place.startswith("bounds["):  # msgspec does not say which of them
+            place = f"bounds.{_odd_bounds(table['bounds'])}"
+        raise CaseError(file, place, f"{shorten(message, 150)}.") from None
     except (ValueError, RecursionError) as error:
         raise CaseError(file, "", f"expected TOML: {shorten(str(error), 150)}.") from None
+
+
+@contextmanager
+def naming(settings: Settings | Path | None) -> Iterator[None]:
+    """Name the user's file in an error of settings that only the problem reveals."""
+    try:
+        yield
+    except CaseError as error:
+        if error.file == SETTINGS and isinstance(settings, Path):
+            raise CaseError(settings, error.place, error.expected) from None
+        raise
+
+
+def _odd_bounds(bounds: dict[str, Any]) -> str:
+    """Return the name of the first bounds that are not two numbers."""
+    for name, pair in bounds.items():
+        try:
+            msgspec.convert(pair, tuple[float, float])
+        except msgspec.ValidationError:
+            return name
+    raise AssertionError("msgspec has refused one of them")

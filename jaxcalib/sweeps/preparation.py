@@ -13,7 +13,7 @@ from jaxcalib.calibration.stages.evaluator import interleaved_departs_s
 from jaxcalib.problem.engines import prepare_devices
 from jaxcalib.problem.parameter_space import ParameterSpace, parameter_space, round_values
 from jaxcalib.problem.problem import CalibrationProblem, read_problem
-from jaxcalib.problem.settings import Settings, read_settings
+from jaxcalib.problem.settings import Settings, naming, read_settings
 from jaxcalib.runs.run_folder import identify
 from jaxcalib.runs.seeds import SEEDS_PER_CALIBRATION
 from jaxcalib.sweeps.columns import rows_of, sweep_schema
@@ -56,7 +56,8 @@ def prepare_sweep(case: Path | str, options: SweepOptions) -> PreparedSweep:
     prepare_devices(len(os.sched_getaffinity(0)))
     problem = read_problem(case)
     settings = options.settings if isinstance(options.settings, Settings) else read_settings(options.settings)
-    space = _space(problem, settings)
+    with naming(options.settings):
+        space = _space(problem, settings)
     base = round_values(problem.template.base_values())
     plan = SweepPlan(
         engine=options.engine,

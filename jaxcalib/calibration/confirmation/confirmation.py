@@ -10,8 +10,7 @@ from jaxcalib.calibration.confirmation.discrepancy import Confirmed, LearntDiscr
 from jaxcalib.calibration.objective.objective import Objective
 from jaxcalib.calibration.stages.budget import Budget
 from jaxcalib.calibration.stages.evaluator import AllRunsFailedError, Evaluator
-from jaxcalib.calibration.stages.optimisation import Optimisation, polish, polish_config
-from jaxcalib.calibration.stages.search_box import search_box
+from jaxcalib.calibration.stages.optimisation import Optimisation, polish_config, polish_on
 from jaxcalib.calibration.stages.search_run import CourseEntry, Judged, SearchRun
 from jaxcalib.calibration.stages.two_stage import TwoStageResult
 from jaxcalib.initial_values.initial_point import InitialPoint
@@ -148,9 +147,11 @@ def confirm(
         with session.stopwatch.time(CORRECTED_SEARCH):
             run = SearchRun(surrogate, space, objective, course)
             best = max(finalists, key=lambda one: one.accuracy).unit
-            box = search_box(best, range(len(space.names)), found.half_width)
-            num_polish = surrogate.rounds_of(budget.polish_runs)
-            polishes.append(polish(run, box, best, num_polish, polish_config(RADIUS), CONFIRMATION, judged))
+            num_polish, config = surrogate.rounds_of(budget.polish_runs), polish_config(RADIUS)
+            polished, _ = polish_on(
+                run, best, found.half_width, num_polish, config, CONFIRMATION, judged, budget.most_polishes
+            )
+            polishes.append(polished)
         if np.abs(polishes[-1].best - unit).max() < SAME_POINT:
             break
         unit, origin = polishes[-1].best, f"corrected search {number + 1}"

@@ -7,8 +7,7 @@ import numpy as np
 from jaxcalib.calibration.confirmation.confirmation import CONFIRMATION, RADIUS, Confirmation, Finals
 from jaxcalib.calibration.stages.budget import Budget
 from jaxcalib.calibration.stages.evaluator import Evaluator
-from jaxcalib.calibration.stages.optimisation import polish, polish_config
-from jaxcalib.calibration.stages.search_box import search_box
+from jaxcalib.calibration.stages.optimisation import polish_config, polish_on
 from jaxcalib.calibration.stages.search_run import SearchRun
 from jaxcalib.calibration.stages.two_stage import TwoStageResult
 
@@ -31,9 +30,9 @@ def search_on_in_sumo(
         The confirmation with one finalist more; the same where that one fails.
     """
     run = SearchRun(in_sumo, finals.space, replace(confirmation.objective, discrepancy=None), found.course)
-    box = search_box(confirmation.best, range(len(finals.space.names)), found.half_width)
-    polished = polish(
-        run, box, confirmation.best, in_sumo.rounds_of(plan.polish_runs), polish_config(RADIUS), CONFIRMATION
+    num_runs, config = in_sumo.rounds_of(plan.polish_runs), polish_config(RADIUS)
+    polished, _ = polish_on(
+        run, confirmation.best, found.half_width, num_runs, config, CONFIRMATION, most=plan.most_polishes
     )
     outcomes, finalist, confirmed = finals.run(polished.best, SEARCHED_ON, confirmation.objective)
     if finalist is None or confirmed is None:

@@ -22,6 +22,7 @@ NOISE_RUNS, LARGE_NOISE_RUNS = 64, 32  # whole batches of two cores; fewer would
 # (experiments/results/paper.md).
 COVARIANCE_RUNS = 192
 GENERATION = 16  # of SAGA; others take their own batches
+MOST_POLISHES, MOST_SUMO_POLISHES = 5, 2
 SHORTLISTED = 5  # candidates, about
 SUMO_NOISE_ROUNDS, SUMO_GENERATIONS = 12, 2  # where SUMO makes the search's runs
 QUICK = 0.5  # below it SUMO confirms one finalist only
@@ -36,7 +37,7 @@ class Budget:
     covariance_runs: int  # the same where driver behaviour is searched from, for the noise of all moments together
     polish_runs: int  # per candidate of the joint polish
     num_evaluations: int  # candidates of Stage 2's optimiser
-    polish_iterations: int  # of the joint polish
+    most_polishes: int  # of all parameters, each from where the one before led; see `polish_on`
     confirmation_rounds: int  # alternations of surrogate and SUMO
     confirmation_runs: int  # SUMO runs per finalist and round
     final_runs: int  # SUMO runs of the result, and of the scenario as it was, on held-out drives
@@ -86,6 +87,7 @@ def in_sumo_alone(plan: Budget, problem: CalibrationProblem, scale: float) -> Bu
         covariance_runs=2 * noise_rounds * num_fit,
         polish_runs=rounds * num_fit,
         num_evaluations=num_evaluations,
+        most_polishes=min(plan.most_polishes, MOST_SUMO_POLISHES),
         confirmation_rounds=1,
         is_in_sumo=True,
     )
@@ -114,7 +116,7 @@ def _plan_budget(problem: CalibrationProblem, scale: float) -> Budget:
         covariance_runs=covariance_runs,
         polish_runs=polish_runs,
         num_evaluations=num_evaluations,
-        polish_iterations=1,
+        most_polishes=MOST_POLISHES if scale >= QUICK else 1,
         confirmation_rounds=2 if scale >= QUICK else 1,
         confirmation_runs=num_fit if is_large or scale < QUICK else round(1.5 * num_fit),
         final_runs=final_runs,
@@ -127,7 +129,7 @@ def _plan_budget(problem: CalibrationProblem, scale: float) -> Budget:
 def _num_search_runs(problem: CalibrationProblem, plan: Budget) -> int:
     """Return the runs that a search makes, about."""
     departs_s, layout = problem.departs_s("fit"), problem.layout
-    cases = small_array(layout.num_inputs).num_cases + smallest_array(len(layout.driver_parameters)).num_cases
+    cases = small_array(layout.num_inputs).num_cases + smallest_array(len(layout.names)).num_cases
     per_candidate = in_rounds(departs_s, plan.runs_per_candidate)
     return (
         (cases + plan.num_evaluations + 3 * SHORTLISTED * SHORTLIST_RUNS) * per_candidate

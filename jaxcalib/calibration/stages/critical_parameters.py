@@ -6,9 +6,10 @@ from jaxtyping import Float
 from jaxcalib.calibration.stages.screening import Screening
 
 
-def critical_parameters(exploration: Screening, num_critical: int) -> np.ndarray:
-    """Return the places of the critical parameters among all."""
-    return exploration.box.chosen[exploration.ranges.critical_parameters[:num_critical]]
+def critical_parameters(exploration: Screening, num_critical: int, num_inputs: int) -> np.ndarray:
+    """Return the places of the critical driver parameters among all; inputs, screened beside them, are left out."""
+    ranked = exploration.box.chosen[exploration.ranges.critical_parameters]
+    return ranked[ranked >= num_inputs][:num_critical]
 
 
 def hold_others(exploration: Screening, start: Float[np.ndarray, " parameter"], critical: np.ndarray) -> np.ndarray:

@@ -5,11 +5,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
+from scipy.stats import f
 
 from jaxcalib.calibration.stages.screening import SHORTLIST_RUNS
-from jaxcalib.calibration.stages.search_box import SearchBox
+from jaxcalib.calibration.stages.search_box import SearchBox, search_box
 from jaxcalib.calibration.stages.search_run import Judged, SearchRun, best_of
 from jaxcalib.runs.seeds import GENERATION_OFFSET, SHORTLIST_OFFSET
+from jaxcalib.search.least_squares.response_surface import ResponseSurface
 from jaxcalib.search.optimiser import Optimiser, RoundInfo, Setting, Told
 from jaxcalib.search.optimisers.trust_region import TrustRegion
 from jaxcalib.search.trust_region.records import TrustRegionConfig
@@ -17,6 +19,7 @@ from jaxcalib.search.trust_region.records import TrustRegionConfig
 NUM_SHORTLISTED = 3
 BATCH_SIZE = 16  # candidates that the surrogate runs in about the time of one
 MANY = 10_000  # candidates: the polish ends with its iterations
+SIGNIFICANT = 0.05  # chance of an F statistic, where nothing can be gained, beyond which a polish goes on
 STEP_FRACTIONS = (0.3, 0.6, 1.0)  # of a Gauss-Newton step
 
 
@@ -28,6 +31,8 @@ class Optimisation:
     best_accuracy: float  # its accuracy as the search saw it
     infos: tuple[RoundInfo, ...]  # what the optimiser said of each round
     rounds: tuple[Judged, ...]  # all candidates
+    # of a polish: whether it moved from a point whose residuals, beyond chance, the parameters could still lower
+    is_on_its_way: bool = False
 
 
 def optimise(
@@ -56,14 +61,12 @@ def optimise(
     return Optimisation(shortlist.unit[best], float(shortlist.accuracy[best]), tuple(course.infos), rounds)
 
 
-def polish_config(radius: float, num_iterations: int = 1) -> TrustRegionConfig:
+def polish_config(radius: float) -> TrustRegionConfig:
     """Return the options of a polish that begins with a radius, as a share of its box.
 
     With many parameters the noise of slopes makes whole steps too long, so parts of them are tried as well.
     """
-    return TrustRegionConfig(
-        num_iterations=num_iterations, design="two_level", initial_radius=radius, step_fractions=STEP_FRACTIONS
-    )
+    return TrustRegionConfig(num_iterations=1, design="two_level", initial_radius=radius, step_fractions=STEP_FRACTIONS)
 
 
 def polish(
@@ -100,7 +103,72 @@ def polish(
     course = _follow(run, box, TrustRegion(config), setting, num_runs, stage)
     last = course.infos[-1]
     best = start if last.best is None else box.unit_of(last.best[None])[0]
-    return Optimisation(best, float(last.details.center_misfit), tuple(course.infos), tuple(course.rounds))
+    moved = any(info.details.is_accepted for info in course.infos)
+    surfaces = [info.details.surface for info in course.infos if info.details.surface is not None]
+    leads_on = moved and bool(surfaces) and could_be_lower(surfaces[-1])
+    return Optimisation(best, course.best_accuracy, tuple(course.infos), tuple(course.rounds), leads_on)
+
+
+def could_be_lower(surface: ResponseSurface) -> bool:
+    """Return whether parameters explain more of the residuals at a centre than so many random directions would.
+
+    The F test of a regression of the residuals on their slopes: at the best point they lie across all slopes but for
+    chance, also where the simulator cannot show what the field does and something remains.
+
+    Args:
+        surface: linear response of the whitened residuals.
+
+    Source: Bates & Watts (1988), Nonlinear Regression Analysis and Its Applications, ch. 2.2.3, whose criterion of
+        convergence is the same quotient below a constant; here the constant is a quantile of what chance does.
+    """
+    answers = (surface.slope != 0.0).any(axis=1)  # what no parameter moves says nothing
+    slope, residual = surface.slope[answers], surface.intercept[answers]
+    num_parameters = int(np.linalg.matrix_rank(slope)) if answers.any() else 0
+    num_free = len(residual) - num_parameters
+    if not num_parameters or num_free < 1:
+        return False
+    explained = slope @ np.linalg.lstsq(slope, residual, rcond=None)[0]
+    rest = float(np.sum((residual - explained) ** 2)) / num_free
+    quotient = float(np.sum(explained**2)) / num_parameters / max(rest, np.finfo(float).tiny)
+    return bool(f.sf(quotient, num_parameters, num_free) < SIGNIFICANT)
+
+
+def polish_on(
+    run: SearchRun,
+    start: Float[np.ndarray, " parameter"],
+    half_width: Float[np.ndarray, " parameter"],
+    num_runs: int,
+    config: TrustRegionConfig,
+    stage: str,
+    known: Sequence[Judged] = (),
+    most: int = 1,
+) -> tuple[Optimisation, SearchBox]:
+    """Polish all parameters, and again from where that led, as long as the residuals say that more can be gained.
+
+    A step ends at the border of the region in which slopes are trusted, and the goal may lie beyond it.
+
+    Args:
+        run: evaluator and objective.
+        start: in the unit cube.
+        half_width: how far around a point each parameter is searched.
+        num_runs: runs per candidate.
+        config: options of the trust region of each polish.
+        stage: name for the record.
+        known: candidates of earlier stages; those near a centre help to fit its surface.
+        most: polishes at most.
+
+    Returns:
+        All polishes as one, and the box of the last.
+    """
+    best, done, seen = start, [], list(known)
+    while True:
+        box = search_box(best, range(len(best)), half_width)
+        done.append(polish(run, box, best, num_runs, config, stage, seen))
+        best, seen = done[-1].best, [*seen, *done[-1].rounds]
+        if len(done) == most or not done[-1].is_on_its_way:
+            break
+    infos, rounds = (tuple(one for part in done for one in getattr(part, name)) for name in ("infos", "rounds"))
+    return Optimisation(best, done[-1].best_accuracy, infos, rounds, done[-1].is_on_its_way), box
 
 
 def known_in(run: SearchRun, box: SearchBox, known: Sequence[Judged], num_runs: int) -> Told | None:

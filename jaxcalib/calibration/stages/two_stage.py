@@ -14,7 +14,14 @@ from jaxcalib.calibration.stages.critical_parameters import critical_parameters,
 from jaxcalib.calibration.stages.evaluator import Evaluator
 from jaxcalib.calibration.stages.gradient_refinement import GradientRefinement, refine
 from jaxcalib.calibration.stages.local_surface import local_surface
-from jaxcalib.calibration.stages.optimisation import BATCH_SIZE, Optimisation, known_in, optimise, polish, polish_config
+from jaxcalib.calibration.stages.optimisation import (
+    BATCH_SIZE,
+    Optimisation,
+    known_in,
+    optimise,
+    polish_config,
+    polish_on,
+)
 from jaxcalib.calibration.stages.screening import Screening, screen, small_array
 from jaxcalib.calibration.stages.search_box import SearchBox, half_width_of, search_box
 from jaxcalib.calibration.stages.search_run import CourseEntry, Judged, SearchRun, best_of
@@ -65,7 +72,10 @@ def search_two_stages(
     budget: Budget,
     session: Session,
 ) -> TwoStageResult:
-    """Search inputs first, driver parameters second, then all together.
+    """Search inputs first, driver parameters with the inputs second, then all together.
+
+    Deviation: the paper's Stage 2 keeps the inputs of Stage 1. Whether traffic jams depends on both: with drivers who
+    merge too well Stage 1 finds more traffic than there is, and from there the drivers are not found.
 
     Args:
         problem: the problem.
@@ -89,13 +99,12 @@ def search_two_stages(
         session.progress.stage(OPTIMISATION)
         session.progress.best(exploration.best_accuracy)
         run = search.run_with(search.objective_at(exploration.best, budget.covariance_runs))
-        critical = critical_parameters(exploration, search.num_critical)
+        critical = critical_parameters(exploration, search.num_critical, problem.layout.num_inputs)
         explored = [_again(run, exploration.cases), _again(run, exploration.shortlist)]
         optimised = search.optimise_critical(run, exploration, stage_1.best, critical, explored, threshold)
         session.progress.best(optimised.best_accuracy)
         known = [*explored, *optimised.rounds]
-        joint_box = search_box(optimised.best, range(len(initial.space.names)), search.half_width)
-        polished = search.polish_all(run, joint_box, optimised, known)
+        polished, joint_box = search.polish_all(run, optimised, known)
         known += polished.rounds
         refined = search.refine_drivers(run.objective, joint_box, polished.best, known)
         last_point = polished.best if refined is None else refined.unit
@@ -189,13 +198,21 @@ class _Search:
             self.with_scenario_inputs(self.start)[None],
         )  # fmt: skip
 
+    @property
+    def inputs(self) -> range:
+        """Places of the inputs that Stage 2 searches with the driver parameters; none as printed."""
+        return range(0 if self.settings.literal else self.problem.layout.num_inputs)
+
     def screen_drivers(
         self, objective: Objective, threshold: float, start: Float[np.ndarray, " parameter"]
     ) -> Screening:
-        """Screen the driver parameters around a point."""
+        """Screen the driver parameters around a point, and with them the inputs around what the logs say."""
         drivers = range(self.problem.layout.num_inputs, len(start))
-        box = search_box(start, drivers, self.half_width)
-        return screen(self.run_with(objective), box, start, self.num_runs, self.num_critical, EXPLORATION, threshold)
+        center = start.copy()
+        center[self.inputs] = self.start[self.inputs]
+        box = search_box(center, [*drivers, *self.inputs], self.half_width)
+        num_critical = self.num_critical + len(self.inputs)
+        return screen(self.run_with(objective), box, start, self.num_runs, num_critical, EXPLORATION, threshold)
 
     def optimise_critical(
         self,
@@ -206,11 +223,12 @@ class _Search:
         explored: Sequence[Judged],
         threshold: float,
     ) -> Optimisation:
-        """Stage 2: search the critical parameters from where the screening left them."""
-        held = hold_others(exploration, inputs_from, critical)
+        """Stage 2: search the critical parameters and the inputs from where the screening left them."""
+        searched = np.concatenate([critical, np.asarray(self.inputs, int)])
+        held = hold_others(exploration, inputs_from, searched)
         if "optimiser" in self.settings.without:
             return _left_out(held, exploration.best_accuracy)
-        box = search_box(held, critical, self.half_width)
+        box = search_box(held, searched, self.half_width)
         setting = Setting(
             num_parameters=len(box.chosen),
             num_evaluations=self.budget.num_evaluations + LITERAL_EVALUATIONS * self.settings.literal,
@@ -226,14 +244,15 @@ class _Search:
         return optimise(run, box, optimiser, setting, self.num_runs, OPTIMISATION)
 
     def polish_all(
-        self, run: SearchRun, box: SearchBox, optimised: Optimisation, known: Sequence[Judged]
-    ) -> Optimisation:
-        """Improve what Stage 2 found with all parameters at once."""
+        self, run: SearchRun, optimised: Optimisation, known: Sequence[Judged]
+    ) -> tuple[Optimisation, SearchBox]:
+        """Improve what Stage 2 found with all parameters at once; also returns the box around where that ended."""
         if "polish" in self.settings.without:
-            return _left_out(optimised.best, optimised.best_accuracy)
-        num_runs = self.evaluator.rounds_of(self.budget.polish_runs)
-        config = polish_config(POLISH_RADIUS, self.budget.polish_iterations)
-        return polish(run, box, optimised.best, num_runs, config, OPTIMISATION, known)
+            box = search_box(optimised.best, range(len(optimised.best)), self.half_width)
+            return _left_out(optimised.best, optimised.best_accuracy), box
+        num_runs, most = self.evaluator.rounds_of(self.budget.polish_runs), self.budget.most_polishes
+        config = polish_config(POLISH_RADIUS)
+        return polish_on(run, optimised.best, self.half_width, num_runs, config, OPTIMISATION, known, most)
 
     def refine_drivers(
         self, objective: Objective, box: SearchBox, point: Float[np.ndarray, " parameter"], known: Sequence[Judged]

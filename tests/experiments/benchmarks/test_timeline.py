@@ -56,7 +56,8 @@ def test_a_picture_of_a_long_command_has_few_columns_and_all_of_its_work() -> No
     assert [(span.stage, span.length_s) for span in spans] == [
         ("first", 4.0), ("first", 3.0), ("second", 4.0), ("second", 4.0), ("second", 4.0), ("second", 4.0),
     ]  # fmt: skip
-    assert spans[0].end_s == 3.5 and spans[-1].end_s == seconds[-1].end_s
+    assert spans[0].end_s == 3.5
+    assert spans[-1].end_s == seconds[-1].end_s
     assert sum(span.command_s for span in spans) == pytest.approx(sum(second.command_s for second in seconds))
     assert sum(span.sumo_s for span in spans) == pytest.approx(sum(second.sumo_s for second in seconds))
     assert coarser(seconds, most=23) == seconds

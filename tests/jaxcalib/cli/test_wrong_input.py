@@ -156,6 +156,8 @@ def test_a_begun_run_needs_resume_and_the_same_options(case: Path, capsys: pytes
         ("bounds.tau = [2.0, 1.0]", "bounds.tau"),
         ("bounds.speed = [1.0, 2.0]", "bounds.speed"),
         ("bounds.tau = [-1.0, 2.0]", "bounds.tau"),
+        ('bounds = {tau = [1.0, 2.0], minGap = "wide"}', "bounds.minGap"),
+        ('also_match = ["ttc"]', "also_match"),
         ("scaling = 0.1", "settings.toml"),
         ("scaling_factor = 2.0", "scaling_factor"),
         ("objective = ", "settings.toml"),
@@ -168,4 +170,5 @@ def test_wrong_settings(text: str, place: str, case: Path, capsys: pytest.Captur
     lines = capsys.readouterr().err.splitlines()
     assert len(lines) == 1
     assert place in lines[0]
+    assert "settings.toml: " in lines[0]
     assert not (case.parent / "run").exists()

@@ -97,11 +97,11 @@ def test_without_logs_drivers_begin_at_the_scenario_and_are_not_known():
 
 
 def test_the_optimiser_of_stage_2_is_the_one_of_the_registry_that_the_settings_name(monkeypatch: pytest.MonkeyPatch):
-    """One that a line adds to the registry is asked for the critical parameters, and its best is among what may win."""
+    """One that a line adds to the registry is asked for the critical parameters and the inputs."""
     asked: list[Setting] = []
 
     class Planted(Optimiser):
-        """Asks for the truth at once."""
+        """Asks for one point."""
 
         def init(self, setting: Setting) -> Setting:
             """Return the first state."""
@@ -109,9 +109,8 @@ def test_the_optimiser_of_stage_2_is_the_one_of_the_registry_that_the_settings_n
             return setting
 
         def ask(self, state: Setting) -> np.ndarray:
-            """Return where the toy's field was made, in the box around the start."""
-            width = 0.7  # of the box where the logs are silent
-            return np.clip(0.5 + (TRUTH[1:][None] - 0.5) / width, 0.0, 1.0)
+            """Return a point of the box."""
+            return np.full((1, state.num_parameters), 0.37)
 
         def tell(self, state: Setting, told: Told) -> tuple[Setting, RoundInfo]:
             """End the search."""
@@ -120,7 +119,7 @@ def test_the_optimiser_of_stage_2_is_the_one_of_the_registry_that_the_settings_n
     monkeypatch.setitem(OPTIMISERS, "planted", Planted)
     found, _ = search(monkeypatch, "polish", optimiser="planted")
     (setting,) = asked
-    assert setting.num_parameters == 2
+    assert setting.num_parameters == 3
     assert setting.num_evaluations == BUDGET.num_evaluations
     assert setting.known is not None
     assert len(setting.known.points) > 9  # the cases of the screening, and its shortlist
@@ -144,3 +143,23 @@ def test_an_unknown_optimiser_is_refused_with_those_that_are_known(tmp_path: Pat
 def test_every_optimiser_calibrates_the_toy(monkeypatch: pytest.MonkeyPatch, name: str):
     found, _ = search(monkeypatch, optimiser=name)
     assert np.abs(found.best - TRUTH).max() < 0.2
+
+
+def test_stage_2_searches_the_inputs_beside_the_drivers_unless_as_printed(monkeypatch: pytest.MonkeyPatch):
+    found, _ = search(monkeypatch)
+    assert sorted(found.exploration.box.chosen) == [0, 1, 2]
+    assert set(found.critical) <= {1, 2}, "an input is no driver parameter, however much it matters"
+    assert len({unit[0] for judged in found.optimised.rounds for unit in judged.unit}) > 1
+    printed, _ = search(monkeypatch, literal=True)
+    assert sorted(printed.exploration.box.chosen) == [1, 2]
+    inputs = {unit[0] for judged in printed.optimised.rounds for unit in judged.unit}
+    assert inputs == {printed.stage_1.best[0]}
+
+
+def test_the_inputs_are_screened_around_what_the_logs_say_not_around_stage_1(monkeypatch: pytest.MonkeyPatch):
+    found, _ = search(monkeypatch)
+    box = found.exploration.box
+    (place,) = np.flatnonzero(box.chosen == 0)
+    middle = (box.lower + box.upper)[place] / 2.0
+    assert middle == pytest.approx(SPACE.unit_of(START)[0])
+    assert middle != pytest.approx(found.stage_1.best[0], abs=0.01)

@@ -6,10 +6,11 @@ from hypothesis import strategies as st
 from jaxcalib.calibration.objective.evidence import independent_evidence
 from jaxcalib.calibration.stages.evaluator import AllRunsFailedError, Evaluator
 from jaxcalib.calibration.stages.local_surface import local_surface
-from jaxcalib.calibration.stages.optimisation import optimise, polish
+from jaxcalib.calibration.stages.optimisation import could_be_lower, optimise, polish, polish_config, polish_on
 from jaxcalib.calibration.stages.screening import screen, smallest_array
 from jaxcalib.calibration.stages.search_box import half_width_of, search_box
 from jaxcalib.search import TrustRegionConfig
+from jaxcalib.search.least_squares.response_surface import ResponseSurface
 from jaxcalib.search.optimiser import Setting
 from jaxcalib.search.optimisers.saga import Saga
 from tests.jaxcalib.calibration.toy import RESPONSE, SPACE, TRUTH, ToySimulator, toy_objective, toy_run
@@ -67,6 +68,51 @@ def test_evidence_of_the_logs_holds_what_the_moments_hardly_show():
     run = toy_run(objective=toy_objective(evidence, num_drives=2))
     done = polish(run, WHOLE, TRUTH + 0.05, 16, TrustRegionConfig(num_iterations=2), "optimise")
     assert np.abs(done.best - TRUTH).max() < 0.03
+
+
+def test_a_polish_goes_on_as_long_as_parameters_explain_residuals():
+    """The truth lies outside of the first box, which half a width around the start does not reach."""
+    start, half_width = TRUTH + np.asarray([0.3, -0.3, 0.3]), np.full(3, 0.1)
+    weak = independent_evidence(TRUTH, np.full(3, 1.0))  # residuals more than parameters, so that something is left
+    run = toy_run(objective=toy_objective(weak, num_drives=400))
+    once, _ = polish_on(run, start, half_width, 128, polish_config(0.25), "optimise", most=1)
+    often, box = polish_on(run, start, half_width, 128, polish_config(0.25), "optimise", most=20)
+    assert np.abs(once.best - TRUTH).max() > 0.1
+    assert np.abs(often.best - TRUTH).max() < 0.1
+    assert once.is_on_its_way
+    assert not often.is_on_its_way
+    assert len(often.rounds) < 2 * 20, "it ended by itself"
+    assert box.holds(often.best[None]).all()
+
+
+def test_a_polish_at_the_truth_ends_with_the_first():
+    done, _ = polish_on(toy_run(), TRUTH, np.full(3, 0.05), 64, polish_config(0.25), "optimise", most=20)
+    assert len(done.rounds) == 2
+    assert not done.is_on_its_way
+
+
+def _surface(residual: np.ndarray, slope: np.ndarray) -> ResponseSurface:
+    curvature, covariance = np.zeros_like(slope), np.zeros((*slope.shape, slope.shape[1]))
+    return ResponseSurface(np.full(slope.shape[1], 0.5), 0.1, residual, slope, curvature, 40, covariance)
+
+
+def test_chance_alone_seldom_says_that_residuals_could_be_lower_however_many_remain():
+    random = np.random.default_rng(4)
+    for scale in (1.0, 3.0):  # 3: something remains that no parameter explains
+        says = [
+            could_be_lower(_surface(scale * random.standard_normal(50), random.standard_normal((50, 12))))
+            for _ in range(400)
+        ]
+        assert np.mean(says) == pytest.approx(0.05, abs=0.035)
+
+
+def test_residuals_along_the_slopes_could_be_lower():
+    random = np.random.default_rng(4)
+    slope = np.vstack([random.standard_normal((50, 12)), np.zeros((30, 12))])  # 30 that no parameter moves
+    residual = random.standard_normal(80) + slope @ np.full(12, 0.5)
+    assert could_be_lower(_surface(residual, slope))
+    assert not could_be_lower(_surface(residual, np.zeros_like(slope)))
+    assert not could_be_lower(_surface(residual[:12], slope[:12])), "as many parameters as residuals explain all"
 
 
 def test_all_candidates_run_the_same_seeds_and_each_drive_equally_often():
