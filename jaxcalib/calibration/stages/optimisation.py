@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
-from scipy.stats import f
+from scipy.stats import f as f_distribution
 
 from jaxcalib.calibration.stages.screening import SHORTLIST_RUNS
 from jaxcalib.calibration.stages.search_box import SearchBox, search_box
@@ -130,7 +130,7 @@ def could_be_lower(surface: ResponseSurface) -> bool:
     explained = slope @ np.linalg.lstsq(slope, residual, rcond=None)[0]
     rest = float(np.sum((residual - explained) ** 2)) / num_free
     quotient = float(np.sum(explained**2)) / num_parameters / max(rest, np.finfo(float).tiny)
-    return bool(f.sf(quotient, num_parameters, num_free) < SIGNIFICANT)
+    return bool(f_distribution.sf(quotient, num_parameters, num_free) < SIGNIFICANT)
 
 
 def polish_on(
