@@ -10,13 +10,14 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pandas as pd
 import pytest
 
-from experiments.faults import broken_jobs, determinism, disk
+from experiments.faults import broken_jobs, determinism, disk, kills
 from experiments.faults.altered import MODULE, Alterations
 from experiments.faults.attack import Ground
-from experiments.faults.commands import run_command
+from experiments.faults.commands import Started, run_command
 from experiments.faults.small_commands import COMMANDS, Result, difference, differing_rows, digest_of, statuses
 from experiments.faults.small_disk import NoDiskError, SmallDisk, small_disk
 
@@ -134,3 +135,17 @@ def test_ground_draws_by_seed_attack_and_number_alone(tmp_path: Path):
     (ground.fresh("a") / "x").write_text("y")
     assert not list(ground.fresh("a").iterdir())
     shutil.rmtree(ground.folder)
+
+
+@pytest.mark.parametrize(("seconds", "killed"), [(30.0, True), (0.0, False)])
+def test_a_command_is_killed_or_ends_before(seconds: float, killed: bool, monkeypatch: pytest.MonkeyPatch):
+    def started(words: list[str | Path]) -> Started:
+        return Started(words, program=("-c", f"import time; time.sleep({seconds})"))
+
+    monkeypatch.setattr(kills, "Started", started)
+    latest_s = 1.0 if killed else 60.0
+    found = [kills.killed_at_random([], np.random.default_rng(seed), latest_s) for seed in range(3)]
+    assert [bool(one.moments_s) for one in found] == [killed] * 3
+    assert [one.wrong for one in found] == [""] * 3
+    assert all(len(one.moments_s) <= kills.MOST_KILLS for one in found)
+    assert all(one.wall_s < 30.0 for one in found)
