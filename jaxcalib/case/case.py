@@ -6,14 +6,8 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Literal
 
-from jaxcalib.case.case_file import (
-    FILE_NAME,
-    BehaviourSection,
-    CaseTable,
-    DriveSection,
-    SubjectSection,
-    read_case_table,
-)
+from jaxcalib.case.case_file import FILE_NAME, read_case_table
+from jaxcalib.case.case_sections import BehaviourSection, CaseTable, DriveSection, SubjectSection
 from jaxcalib.case.log_form import LogForm
 from jaxcalib.case.log_units import log_form_of
 from jaxcalib.case.safety_limits import USUAL_LIMITS, SafetyLimits
