@@ -1,5 +1,6 @@
 """Errors that users meet, each in one line: a wrong case, or something outside the program that gave out."""
 
+from collections.abc import Iterable
 from pathlib import Path
 
 LONGEST_MESSAGE = 300
@@ -15,7 +16,10 @@ class CaseError(ValueError):
         file: name of the file.
         place: row or key in it, empty where the whole file is meant.
         expected: what was expected, and what was found.
+        others: further faults of the same file, found at the same time.
     """
+
+    others: tuple["CaseError", ...] = ()
 
     def __init__(self, file: Path | str, place: str, expected: str) -> None:
         """Keep the three parts; the file without its folder."""
@@ -27,6 +31,14 @@ class CaseError(ValueError):
         name = shorten(self.file, LONGEST_PART)
         where = f"{name}: {shorten(self.place, 2 * LONGEST_PART)}" if self.place else name
         return shorten(f"{where}: {self.expected}", LONGEST_MESSAGE)
+
+
+def raise_faults(faults: Iterable[CaseError]) -> None:
+    """Raise the first of some faults, which carries the others; without any, do nothing."""
+    found = list(faults)
+    if found:
+        found[0].others = tuple(found[1:])
+        raise found[0]
 
 
 class ResourceError(RuntimeError):

@@ -2,16 +2,16 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
 from pathlib import Path
 from typing import Literal
 
+from jaxcalib.case.case_faults import file_faults, name_faults, time_faults
 from jaxcalib.case.case_file import FILE_NAME, read_case_table
-from jaxcalib.case.case_sections import BehaviourSection, CaseTable, DriveSection, SubjectSection
+from jaxcalib.case.case_sections import BehaviourSection, DriveSection, SubjectSection
 from jaxcalib.case.log_form import LogForm
 from jaxcalib.case.log_units import log_form_of
 from jaxcalib.case.safety_limits import USUAL_LIMITS, SafetyLimits
-from jaxcalib.errors import CaseError, quote
+from jaxcalib.errors import CaseError, raise_faults
 from surrogate.subject.registry import SUBJECT_MODELS, SubjectModel
 from surrogate.vehicle.model_entry import ParameterRangeError, UnknownModelError
 
@@ -132,15 +132,14 @@ def read_case(folder: Path | str) -> Case:
 
     Raises:
         CaseError: a key is missing, unknown or wrong, two things have one name, a file is missing, or no drive is left
-            to fit.
+            to fit; the first fault, with the others that are of one kind with it.
     """
     root = Path(folder)
     table = read_case_table(root)
     root = root.resolve()
-    _check_names(table)
-    _check_times(table)
+    raise_faults([*name_faults(table), *time_faults(table), *file_faults(table, root)])
     scenario = table.scenario and Scenario(
-        config_file=_file(root, "scenario.config", table.scenario.config),
+        config_file=root / table.scenario.config,  # which may lie outside, so that logs can stay where they are
         warmup_s=table.scenario.warmup_s,
         duration_s=table.scenario.duration_s,
         step_s=table.scenario.step_s,
@@ -204,71 +203,8 @@ def _drive(root: Path, drive: DriveSection) -> Drive:
     return Drive(
         id=drive.id,
         depart_s=drive.depart_s,
-        subject_file=_file(root, f"drive[{drive.id}].subject", drive.subject),
-        objects_file=_file(root, f"drive[{drive.id}].objects", drive.objects),
+        subject_file=root / drive.subject,
+        objects_file=root / drive.objects,
         role="fit" if drive.role == "fit" else "held_out",
         time_zero=drive.time_zero,
     )
-
-
-def _file(root: Path, place: str, path: str) -> Path:
-    """Return the file that a path means; it may lie outside of the folder, so that logs can stay where they are."""
-    try:
-        is_file = (root / path).resolve().is_file()
-    except (ValueError, OSError, RuntimeError):  # a NUL, a name too long, links in a circle
-        is_file = False
-    if not is_file:
-        raise CaseError(FILE_NAME, place, f"expected an existing file, got {quote(path)}.")
-    return root / path
-
-
-def _check_names(table: CaseTable) -> None:
-    for index, drive in enumerate(table.drive):
-        if drive.id in {other.id for other in table.drive[:index]}:
-            raise CaseError(FILE_NAME, f"drive[{index + 1}].id", f"expected a new id, got {quote(drive.id)} again.")
-    flow_of: dict[str, str] = {}
-    for index, entrance in enumerate(table.input):
-        if entrance.id in {other.id for other in table.input[:index]}:
-            raise CaseError(FILE_NAME, f"input[{index + 1}].id", f"expected a new id, got {quote(entrance.id)} again.")
-        for flow in entrance.flows:
-            if flow in flow_of:
-                raise CaseError(
-                    FILE_NAME,
-                    f"input[{entrance.id}].flows",
-                    f"expected each flow once, got {quote(flow)}, which input {quote(flow_of[flow])} has too.",
-                )
-            flow_of[flow] = entrance.id
-        if any(later <= earlier for earlier, later in pairwise(entrance.windows_s)):
-            raise CaseError(
-                FILE_NAME,
-                f"input[{entrance.id}].windows_s",
-                f"expected rising times, got {', '.join(f'{begin_s:g}' for begin_s in entrance.windows_s)}.",
-            )
-    if table.behaviour:
-        for key, names in [("vtypes", table.behaviour.vtypes), ("parameters", table.behaviour.parameters or ())]:
-            for index, name in enumerate(names):
-                if name in names[:index]:
-                    raise CaseError(FILE_NAME, f"behaviour.{key}", f"expected each name once, got {quote(name)} again.")
-    if not table.drive:
-        raise CaseError(FILE_NAME, "drive", "expected at least one [[drive]], got none.")
-    if all(drive.role == "held_out" for drive in table.drive):
-        raise CaseError(FILE_NAME, "drive", 'expected at least one drive with role "fit"; all are "held_out".')
-
-
-def _check_times(table: CaseTable) -> None:
-    scenario = table.scenario
-    if scenario is None:
-        return
-    if scenario.warmup_s >= scenario.duration_s:
-        raise CaseError(
-            FILE_NAME,
-            "scenario.warmup_s",
-            f"expected less than duration_s ({scenario.duration_s:g}), got {scenario.warmup_s:g}.",
-        )
-    for drive in table.drive:
-        if drive.depart_s > scenario.duration_s:
-            raise CaseError(
-                FILE_NAME,
-                f"drive[{drive.id}].depart_s",
-                f"expected 0 to scenario.duration_s ({scenario.duration_s:g}), got {drive.depart_s:g}.",
-            )

@@ -4,6 +4,7 @@ import difflib
 import re
 import tomllib
 import typing
+from collections.abc import Iterator
 from pathlib import Path
 from types import UnionType
 from typing import Annotated, Any
@@ -12,7 +13,7 @@ import msgspec
 
 from jaxcalib.case.case_sections import CaseTable
 from jaxcalib.case.log_section import LogSection
-from jaxcalib.errors import CaseError, quote, shorten
+from jaxcalib.errors import CaseError, quote, raise_faults, shorten
 
 FILE_NAME = "case.toml"
 LARGEST_BYTES = 65_536
@@ -24,7 +25,7 @@ def read_case_table(folder: Path) -> CaseTable:
 
     Raises:
         CaseError: the file is missing, too large or not TOML, a key is missing or unknown, a value has the wrong type
-            or lies out of its range.
+            or lies out of its range; the first fault, with the others.
     """
     return _converted(_parse(_text(folder / FILE_NAME)))
 
@@ -32,8 +33,9 @@ def read_case_table(folder: Path) -> CaseTable:
 def _converted(data: dict[str, Any]) -> CaseTable:
     try:
         return msgspec.convert(data, CaseTable)
-    except msgspec.ValidationError as error:
-        raise _case_error(str(error), data) from None
+    except msgspec.ValidationError:
+        raise_faults(_faults(data, data, CaseTable, []))
+        raise
     except RecursionError:
         raise CaseError(FILE_NAME, "", "expected fewer levels of tables and lists in one another.") from None
 
@@ -92,41 +94,53 @@ def _parse(text: str) -> dict[str, Any]:
         raise CaseError(FILE_NAME, "", f"expected TOML: {shorten(str(error), 150)}.") from None
 
 
-def _case_error(message: str, data: dict[str, Any]) -> CaseError:
-    """Say the same as msgspec in our words: the key as the user wrote it, what was expected, what stands there."""
-    if odd := _odd_key(data, data, CaseTable, []):
-        return odd
-    path = _steps(message.rpartition(" - at `$")[2])
-    value: Any = data
-    for step in path:
-        value = value[step]
-    return CaseError(FILE_NAME, _place(path, data), f"expected {_description(path)}, got {quote(value)}.")
+def _faults(root: Any, value: Any, annotation: Any, path: list[str | int]) -> Iterator[CaseError]:
+    """Say the same as msgspec in our words, of every key: as the user wrote it, what was expected, what stands there.
 
-
-def _odd_key(root: Any, data: Any, annotation: Any, path: list[str | int]) -> CaseError | None:
-    """Return the error for the first unknown or missing key; msgspec's message may contain the stranger's own text."""
+    msgspec stops at the first fault, and its messages may contain the stranger's own text.
+    """
     table = _bare(annotation)
-    if isinstance(data, list) and typing.get_origin(table) is tuple:
-        odd = (_odd_key(root, item, typing.get_args(table)[0], [*path, index]) for index, item in enumerate(data))
-        return next(filter(None, odd), None)
-    if not isinstance(data, dict) or not isinstance(table, type) or not issubclass(table, msgspec.Struct):
-        return None
+    if isinstance(value, list) and typing.get_origin(table) is tuple and _is_table(typing.get_args(table)[0]):
+        for index, item in enumerate(value):
+            yield from _faults(root, item, typing.get_args(table)[0], [*path, index])
+        return
+    if not isinstance(value, dict) or not _is_table(table):
+        try:
+            msgspec.convert(value, annotation)
+        except msgspec.ValidationError as error:
+            yield _wrong_value(root, [*path, *_steps(str(error))])
+        return
     known = _fields(table)
-    for key in data:
+    for key in value:
         if key not in known:
             close = difflib.get_close_matches(key, known, n=1)
             hint = f'did you mean "{close[0]}"?' if close else f"the keys here are {', '.join(known)}."
-            return CaseError(FILE_NAME, _place([*path, key], root), f"expected no such key; {hint}")
+            yield CaseError(FILE_NAME, _place([*path, key], root), f"expected no such key; {hint}")
     for field in msgspec.structs.fields(table):
         here = [*path, field.name]
-        if field.required and field.name not in data:
-            return CaseError(FILE_NAME, _place(here, root), f"expected {_description(here)}; missing.")
-    odd = (_odd_key(root, data[key], known[key], [*path, key]) for key in data)
-    return next(filter(None, odd), None)
+        if field.name in value:
+            yield from _faults(root, value[field.name], known[field.name], here)
+        elif field.required:
+            yield CaseError(FILE_NAME, _place(here, root), f"expected {_description(here)}; missing.")
 
 
-def _steps(where: str) -> list[str | int]:
-    """Split msgspec's path, for example `.drive[1].id`."""
+def _wrong_value(root: Any, path: list[str | int]) -> CaseError:
+    value: Any = root
+    for step in path:
+        value = value[step]
+    return CaseError(FILE_NAME, _place(path, root), f"expected {_description(path)}, got {quote(value)}.")
+
+
+def _is_table(annotation: Any) -> bool:
+    table = _bare(annotation)
+    return isinstance(table, type) and issubclass(table, msgspec.Struct)
+
+
+def _steps(message: str) -> list[str | int]:
+    """Return the path that ends a message of msgspec, for example ` - at `$.drive[1].id`; nothing without one."""
+    _, is_there, where = message.rpartition(" - at `$")
+    if not is_there:
+        return []
     return [int(index) if index else key for key, index in re.findall(r"\.(\w+)|\[(\d+)\]", where)]
 
 

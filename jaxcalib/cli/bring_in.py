@@ -34,7 +34,7 @@ def check(case: Path, /, *, out: Path | None = None) -> int:
         found.append(check_case(case))
         return ""
 
-    if code := guarded(work, "nothing was changed."):
+    if code := guarded(work, "nothing was changed.", names_all=True):
         return code
     code, page = print_check(found[0]), out or case / "check.html"
     is_asked_for = out is not None

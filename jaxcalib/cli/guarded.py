@@ -15,6 +15,7 @@ EXIT_CASE_WRONG = 2
 EXIT_SIMULATOR_FAILED = 3
 EXIT_RESOURCE = 4
 EXIT_STOPPED = 130
+MOST_FAULTS = 20  # lines of one check
 LOG_FILE = "simulator.log"
 
 
@@ -24,7 +25,14 @@ def to_go_on(*more: str) -> str:
     return f"go on with: {shlex.join(['jaxcalib', *words, *(word for word in more if word not in words)])}"
 
 
-def guarded(work: Callable[[], str], go_on: str, folder: Path | None = None, program: str = "jaxcalib") -> int:
+def guarded(
+    work: Callable[[], str],
+    go_on: str,
+    folder: Path | None = None,
+    program: str = "jaxcalib",
+    *,
+    names_all: bool = False,
+) -> int:
     """Do the work of a command, print what it returns, and return the exit code.
 
     Args:
@@ -32,11 +40,12 @@ def guarded(work: Callable[[], str], go_on: str, folder: Path | None = None, pro
         go_on: what a user who stopped it can do.
         folder: where a failed simulator's last words are kept, too, if it is there.
         program: name in front of messages.
+        names_all: whether each fault of a case is named, a line for each, and not the first alone.
     """
     try:
         message = work()
     except CaseError as error:
-        return _end(program, str(error), EXIT_CASE_WRONG)
+        return _end_case(program, error, names_all)
     except (ResourceError, TooLargeBatchError) as error:
         return _end(program, str(error), EXIT_RESOURCE)
     except AllRunsFailedError as error:
@@ -66,6 +75,19 @@ def _keep_log(error: AllRunsFailedError, folder: Path | None) -> str:
     except OSError:
         return ""
     return f" See {folder / LOG_FILE}."
+
+
+def _end_case(program: str, error: CaseError, names_all: bool) -> int:
+    """Say what is wrong with a case, and return the exit code."""
+    if not names_all:
+        more = f" ({len(error.others)} more; jaxcalib check names all)" if error.others else ""
+        return _end(program, f"{error}{more}", EXIT_CASE_WRONG)
+    faults = (error, *error.others)
+    for fault in faults[:MOST_FAULTS]:
+        _end(program, str(fault), EXIT_CASE_WRONG)
+    if (left := len(faults) - MOST_FAULTS) > 0:
+        _end(program, f"{error.file}: {left} more faults.", EXIT_CASE_WRONG)
+    return EXIT_CASE_WRONG
 
 
 def _end(program: str, message: str, code: int) -> int:

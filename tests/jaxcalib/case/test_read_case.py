@@ -197,6 +197,44 @@ def test_says_what_is_wrong(case_folder: Path, old: str, new: str, expected: str
     assert message(case_folder) == f"case.toml: {expected}"
 
 
+def all_messages(folder: Path) -> list[str]:
+    with pytest.raises(CaseError) as error:
+        read_case(folder)
+    return [str(fault).removeprefix("case.toml: ") for fault in (error.value, *error.value.others)]
+
+
+def test_all_wrong_keys_are_named_at_once(case_folder: Path):
+    for old, new in (
+        ("warmup_s   = 60.0", 'warmup_s   = "60"'),
+        ("step_s     = 0.1", "step_s     = -0.1\nstep_length = 0.1"),
+        ('vehicle      = "ego"\n', ""),
+        ('flows = ["f_on1"]', "flows = []"),
+        ('role     = "fit"', 'role     = "test"'),
+    ):
+        spoil(case_folder, old, new)
+    assert all_messages(case_folder) == [
+        "scenario.step_length: expected no such key; the keys here are config, warmup_s, duration_s, step_s.",
+        'scenario.warmup_s: expected a number >= 0 and at most 1e7, got "60".',
+        "scenario.step_s: expected a number > 0 and at most 10, got -0.1.",
+        "subject.vehicle: expected text of 1 to 200 characters, none of them a control character; missing.",
+        "input[on1].flows: expected a list of at least one name, got an empty list.",
+        'drive[d01].role: expected "fit" or "held_out", got "test".',
+    ]
+
+
+def test_all_that_does_not_fit_together_is_named_at_once(case_folder: Path):
+    spoil(case_folder, "warmup_s   = 60.0", "warmup_s   = 400.0")
+    spoil(case_folder, 'flows = ["f_on1"]', 'flows = ["f_main_e"]')
+    for name in ("d01_subject", "d02_objects"):
+        spoil(case_folder, f"field/{name}.csv", f"field/no_{name}.csv")
+    assert all_messages(case_folder) == [
+        'input[on1].flows: expected each flow once, got "f_main_e", which input "main" has too.',
+        "scenario.warmup_s: expected less than duration_s (300), got 400.",
+        'drive[d01].subject: expected an existing file, got "field/no_d01_subject.csv".',
+        'drive[d02].objects: expected an existing file, got "field/no_d02_objects.csv".',
+    ]
+
+
 def test_refuses_a_case_without_drives(case_folder: Path):
     text = (case_folder / "case.toml").read_text()
     (case_folder / "case.toml").write_text(text[: text.index("[[drive]]")])

@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from jaxcalib.calibration.stages.evaluator import AllRunsFailedError
-from jaxcalib.cli.guarded import LOG_FILE, guarded
-from jaxcalib.errors import CaseError, ResourceError
+from jaxcalib.cli.guarded import LOG_FILE, MOST_FAULTS, guarded
+from jaxcalib.errors import CaseError, ResourceError, raise_faults
 
 GO_ON = "go on with --resume"
 FAILED = AllRunsFailedError("no run succeeded", "Error: the last words.")
@@ -40,13 +40,20 @@ def test_each_kind_of_error_is_one_line_and_a_code(
     assert said.err.count("\n") == 1
 
 
-def test_the_simulator_s_last_words_are_kept_where_there_is_a_folder(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-):
-    assert guarded(raising(FAILED), GO_ON, tmp_path) == 3
-    assert (tmp_path / LOG_FILE).read_text() == "Error: the last words.\n"
-    line = f"jaxcalib: no run succeeded. Error: the last words. See {tmp_path / LOG_FILE}.\n"
-    assert capsys.readouterr().err == line
+def test_a_check_names_every_fault_of_a_case_and_other_commands_the_first(capsys: pytest.CaptureFixture[str]):
+    faults = [CaseError("case.toml", f"key{number}", "expected another value.") for number in range(MOST_FAULTS + 3)]
+
+    def work() -> str:
+        raise_faults(faults)
+        return ""
+
+    assert guarded(work, GO_ON, names_all=True) == 2
+    lines = capsys.readouterr().err.splitlines()
+    assert lines[:2] == [f"jaxcalib: case.toml: key{number}: expected another value." for number in range(2)]
+    assert lines[MOST_FAULTS:] == ["jaxcalib: case.toml: 3 more faults."]
+    assert guarded(work, GO_ON) == 2
+    first = f"key0: expected another value. ({MOST_FAULTS + 2} more; jaxcalib check names all)"
+    assert capsys.readouterr().err == f"jaxcalib: case.toml: {first}\n"
 
 
 def test_the_simulator_s_last_words_are_said_where_they_cannot_be_kept(
