@@ -10,6 +10,7 @@ from experiments.blind_effects.field_spec import DriverType, FieldSpec
 from experiments.blind_effects.seal import Label
 from experiments.roads.drawn_road import find_road
 from experiments.roads.road import BELIEVED_DRIVER, Road
+from surrogate.effects.registry import effect_named
 
 Size = Literal["tiny", "quick", "full"]
 LEVELS = ("weak", "medium", "strong")
@@ -47,6 +48,12 @@ class CasePlan:
         return (*CALIBRATED, *more) if self.draws_weights else CALIBRATED
 
 
+def _is_weight(name: str) -> bool:
+    """Whether an effect of the library is but other values of lane-change weights."""
+    attributes = {attribute for attribute, _ in effect_named(name).vtype_attributes}
+    return bool(attributes) and attributes <= set(WEIGHTS)
+
+
 def plan_cases(
     size: Size, roads: tuple[str, ...], seed: int, kinds: tuple[str, ...] = (), draws_weights: bool = False
 ) -> list[CasePlan]:
@@ -59,10 +66,11 @@ def plan_cases(
         roads: names of roads, taken in turn.
         seed: of all that is random.
         kinds: only cases of these kinds; of all unless given.
-        draws_weights: whether lane-change weights are drawn over their ranges.
+        draws_weights: whether lane-change weights are drawn over their ranges; more of one is no effect then.
     """
     rng = np.random.default_rng(seed)
-    inside = [name for name, effect in EFFECTS.items() if not effect.is_outside]
+    known = [name for name, effect in EFFECTS.items() if not effect.is_outside]
+    inside = [name for name in known if not (draws_weights and _is_weight(name))]
     outside = [name for name, effect in EFFECTS.items() if effect.is_outside]
     wanted: list[tuple[str, tuple[tuple[str, str], ...], str]] = []
 

@@ -51,7 +51,7 @@ def judge_made_up_nulls(case: KeptCase, num_fields: int, seed: int = 0) -> Itera
                 made = made_up_baseline(session, simulated.baseline, random)
             except NotTestableError:
                 continue
-            tried = try_effects(session, made, simulated.trial_book(session))
+            tried = try_effects(session, made, simulated.trial_book(session, simulated.baseline))
             judged = judge_drives(session, made, tried.num_places, Checked(tried.explained, tried.signatures, ()))
             verdict = judged.verdict
             yield MadeUpNull(road, verdict.kind, verdict.probability[NONE], verdict.probability[UNKNOWN])

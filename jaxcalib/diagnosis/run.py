@@ -119,7 +119,7 @@ class _Found:
 
 
 def _judge(session: DiagnosisSession, simulated: Simulated) -> _Found:
-    baseline, book = simulated.baseline, simulated.trial_book(session)
+    baseline, book = simulated.baseline, simulated.trial_book(session, simulated.baseline)
     tried = try_effects(session, baseline, book)
     checked = check_best(session, baseline, tried)
     return _Found(book, tried, checked, judge_drives(session, baseline, tried.num_places, checked))

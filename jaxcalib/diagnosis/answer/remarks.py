@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from jaxcalib.diagnosis.answer.findings import Findings
+from jaxcalib.diagnosis.inference.atlas import told_by_parameters
 from jaxcalib.diagnosis.inference.baseline import FAR_STEPS
 from jaxcalib.diagnosis.inference.ledger import parameter_shift
 from jaxcalib.diagnosis.inference.verdict import Verdict
@@ -22,7 +23,9 @@ def not_testable(findings: Findings) -> dict[str, str]:
     for effect in EFFECTS:
         if effect.name in tested:
             continue
-        if effect.is_calibrated:
+        if told := told_by_parameters(effect, findings.problem.layout):
+            reasons[effect.name] = f"{' and '.join(told)}, calibrated, is all that it is: what differs is a value"
+        elif effect.is_calibrated:
             reasons[effect.name] = "the scenario has no ramp whose inflow is an input"
         elif effect.searched_at is not SearchedAt.EVERYWHERE:
             reasons[effect.name] = "at no place and time do the drives depart from the simulation in its direction"

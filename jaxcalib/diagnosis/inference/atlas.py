@@ -66,10 +66,29 @@ def slopes_of(layout: ParameterLayout, tallies: Mapping[str, DriveTallies], cell
     return Slopes(slope, error, np.vstack(influence))
 
 
-def effect_trials(values: np.ndarray, num_runs: int, windows: Mapping[str, Sequence[Window]]) -> list[EffectTrial]:
-    """Return the trials of all effects that the surrogate shows, medium and strong; local ones in their windows."""
+def told_by_parameters(effect: Effect, layout: ParameterLayout) -> tuple[str, ...]:
+    """Return the calibrated parameters whose values are all that an effect is; nothing where it is something else.
+
+    More of lcKeepRight is no effect where lcKeepRight is calibrated: the simulation lacks nothing, its value is wrong.
+    """
+    attributes = tuple(attribute for attribute, _ in effect.vtype_attributes)
+    return attributes if set(attributes) <= set(layout.attributes) else ()
+
+
+def effects_to_try(layout: ParameterLayout) -> tuple[Effect, ...]:
+    """Return the effects that are something else than values of calibrated parameters."""
+    return tuple(effect for effect in EFFECTS if not effect.is_calibrated and not told_by_parameters(effect, layout))
+
+
+def effect_trials(
+    values: np.ndarray,
+    num_runs: int,
+    windows: Mapping[str, Sequence[Window]],
+    effects: Sequence[Effect] = EFFECTS,
+) -> list[EffectTrial]:
+    """Return the trials of the effects that the surrogate shows, medium and strong; local ones in their windows."""
     trials = []
-    for effect in EFFECTS:
+    for effect in effects:
         if effect.is_sensor_s or effect.is_calibrated:
             continue
         is_everywhere = effect.searched_at is SearchedAt.EVERYWHERE

@@ -96,6 +96,7 @@ class Baseline:
 class Converged:
     """Where baselines led."""
 
+    first: Baseline  # where they began
     baseline: Baseline  # the one to stay with
     num_baselines: int  # how many were begun
     num_surrogate_runs: int  # runs of the surrogate that the others took, and the way between them
@@ -124,12 +125,20 @@ class BaselineMaker:
     def converged(self) -> Converged:
         """Return the baseline that agrees best with the drives to fit, with all its runs, from where it begins on.
 
+        Raises:
+            NotTestableError: the drives show too little.
+        """
+        return self.onward(self.at(self.begin, None))
+
+    def onward(self, first: Baseline) -> Converged:
+        """Return the same from another baseline on, of which the first runs are made.
+
         Which way to move takes fewer runs than to judge drives by them.
 
         Raises:
             NotTestableError: the drives show too little.
         """
-        best, number, num_moves = self.at(self.begin, None), 1, 0
+        best, number, num_moves = first, 1, 0
         while number < MOST_ROUNDS and np.max(np.abs(best.shift)) > FAR_STEPS:
             way, tried = self.moved(best)
             num_moves += tried + bool(tried)  # where they begin is run, too
@@ -147,7 +156,7 @@ class BaselineMaker:
                 break
             best = nearer
         slope_runs = (2 * len(self.begin) + 1) * self.plan.first_slope_runs
-        return Converged(self.whole(best), number, (number - 1) * slope_runs + num_moves * self.plan.slope_runs)
+        return Converged(first, self.whole(best), number, (number - 1) * slope_runs + num_moves * self.plan.slope_runs)
 
     def moved(self, best: Baseline) -> tuple[list[np.ndarray], int]:
         """Return the values to which the drives to fit would move a baseline, step by step, and how many were tried.

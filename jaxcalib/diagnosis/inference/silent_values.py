@@ -140,13 +140,13 @@ def likeliest_values(answer: FittedAnswer, difference: Feature, null: NullModel,
         seed: of the points that are looked at.
     """
     points = answer.open_values.spread(LOOKED_AT, seed)
-    gains = [_gain(difference, null, *answer.at(point)) for point in points]
+    gains = [log_evidence_of(difference, null, *answer.at(point)) for point in points]
     best = int(np.argmax(gains))
     return points[best], gains[best] - float(np.log(answer.open_values.num_points))
 
 
-def _gain(difference: Feature, null: NullModel, shift: Feature, error: Feature) -> float:
-    """Return the log evidence for a shift that the surrogate predicts, which may be wrong by as much as an effect's.
+def log_evidence_of(difference: Feature, null: NullModel, shift: Feature, error: Feature) -> float:
+    """Return the log evidence for a shift that the surrogate shows, which may be wrong by as much as an effect's.
 
     Its standard error widens the present values, too: what is wide fits, and few runs are wide. A feature of which no
     shift is known says nothing.

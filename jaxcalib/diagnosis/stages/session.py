@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Bool
 
 from jaxcalib.calibration.stages.budget import Budget, plan_budget
+from jaxcalib.diagnosis.inference.atlas import effects_to_try
 from jaxcalib.diagnosis.inference.refit import MOST_SUMO_POINTS
 from jaxcalib.diagnosis.runs.finished_parts import FinishedParts
 from jaxcalib.diagnosis.runs.null_runs import num_runs_for
@@ -13,7 +14,6 @@ from jaxcalib.diagnosis.runs.plan import DiagnosisBudget, plan_diagnosis
 from jaxcalib.problem.problem import CalibrationProblem
 from jaxcalib.runs.session import Session
 from sim_adapters.scenario.sumo_effects import is_expressible
-from surrogate.effects.registry import EFFECTS
 
 FIRST_LOOK_SCALE = 0.5  # of the numbers of runs of a calibration's first look: what it leaves open is open here
 
@@ -42,8 +42,9 @@ def begin_session(problem: CalibrationProblem, budget: float, work: Session) -> 
     """The session of a command as one of a diagnosis, whose progress has been told of the numbers of runs."""
     plan, calibration = plan_diagnosis(budget), plan_budget(problem, FIRST_LOOK_SCALE * budget)
     num_parameters = len(problem.layout.names)
-    num_expressible = sum(is_expressible(problem.scenario, effect.name) for effect in EFFECTS)
-    num_trial_runs = (2 * num_parameters + 1) * plan.slope_runs + 2 * len(EFFECTS) * plan.effect_runs
+    effects = effects_to_try(problem.layout)
+    num_expressible = sum(is_expressible(problem.scenario, effect.name) for effect in effects)
+    num_trial_runs = (2 * num_parameters + 1) * plan.slope_runs + 2 * len(effects) * plan.effect_runs
     work.progress.plan(
         calibration.noise_runs + num_trial_runs,
         calibration.final_fit_runs

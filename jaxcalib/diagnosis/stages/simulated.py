@@ -36,9 +36,8 @@ class Simulated:
         is_moved = ~np.isfinite(self.maker.error) & (self.baseline.values != self.maker.begin)
         return [name for name, moved in zip(names, is_moved, strict=True) if moved]
 
-    def trial_book(self, session: DiagnosisSession) -> TrialBook:
-        """A book of trials that holds those of the parameters."""
-        baseline = self.baseline
+    def trial_book(self, session: DiagnosisSession, baseline: Baseline) -> TrialBook:
+        """A book of trials from a baseline on, which holds those of the parameters."""
         key = repr(baseline.values.tolist())
         return TrialBook(baseline.runner, session.parts, key, baseline.trials, session.progress.surrogate_runs)
 

@@ -7,7 +7,7 @@ from functools import partial
 from jaxcalib.diagnosis.features.features import DriveTallies
 from jaxcalib.diagnosis.features.signature import Signature
 from jaxcalib.diagnosis.features.windows import Window
-from jaxcalib.diagnosis.inference.atlas import EffectTrial, effect_trials
+from jaxcalib.diagnosis.inference.atlas import EffectTrial, effect_trials, effects_to_try
 from jaxcalib.diagnosis.inference.baseline import Baseline
 from jaxcalib.diagnosis.inference.investigation import all_signatures, explanations
 from jaxcalib.diagnosis.inference.local_search import windows_of_effects
@@ -37,14 +37,17 @@ def explaining(session: DiagnosisSession, baseline: Baseline, num_places: Mappin
 def try_effects(session: DiagnosisSession, baseline: Baseline, book: TrialBook) -> Tried:
     """Try every effect of the registry and judge the drives to fit by it."""
     values, plan, fitted = baseline.values, session.plan, baseline.fitted
+    effects = effects_to_try(session.problem.layout)
     session.progress.stage("atlas")
     with session.stopwatch.time("atlas"):
-        everywhere = effect_trials(values, plan.effect_runs, {})
+        everywhere = effect_trials(values, plan.effect_runs, {}, effects)
         book.run("effects", [tried.trial for tried in everywhere])
     session.progress.stage("evidence")
     with session.stopwatch.time("evidence"):
         windows, num_places = windows_of_effects(fitted.difference, fitted.null, baseline.features.road)
-        local = [tried for tried in effect_trials(values, plan.local_runs, windows) if tried.window is not None]
+        local = [
+            tried for tried in effect_trials(values, plan.local_runs, windows, effects) if tried.window is not None
+        ]
         tallies = book.run("local", [tried.trial for tried in local])
         signatures = all_signatures(fitted, baseline.runs, [*everywhere, *local], tallies)
         explain = explaining(session, baseline, num_places)

@@ -116,3 +116,12 @@ def test_manipulation_check_tells_a_change_from_seeds():
     assert (check["most_changed"], check["beyond_seeds"]) == ("b", True)
     assert check["standard_deviations"] == pytest.approx(6.0 / np.std([one["b"] for one in plain], ddof=1), abs=0.01)
     assert not manipulation_check(plain, plain, [False] * 8)["beyond_seeds"]
+
+
+def test_what_is_but_a_lane_change_weight_is_no_effect_where_weights_are_drawn():
+    def names(draws_weights: bool) -> set[str]:
+        plans = plan_cases("quick", ("a",), 5, draws_weights=draws_weights)
+        return {name for plan in plans for name, _ in plan.effects}
+
+    assert names(False) - names(True) == {"keep_right", "cooperative_yielding"}
+    assert "memory" in names(True)

@@ -8,7 +8,10 @@ import numpy as np
 import pytest
 
 from jaxcalib.diagnosis.answer.findings import Findings
-from jaxcalib.diagnosis.answer.remarks import warnings_of
+from jaxcalib.diagnosis.answer.remarks import not_testable, warnings_of
+from jaxcalib.diagnosis.inference.marginal_likelihood import Explained
+from sim_adapters.interface import ParameterLayout
+from surrogate.effects.registry import EFFECTS
 from tests.jaxcalib.diagnosis.synthetic import one_feature_each
 
 NAMES = ("main", "tau", "lcSpeedGain")
@@ -52,3 +55,12 @@ def test_usual_drives_need_no_warning():
 def test_each_trouble_has_a_line(some: Findings, words: str):
     (line,) = warnings_of(some)
     assert words in line
+
+
+def test_an_effect_that_is_a_calibrated_value_is_named_as_that():
+    layout = ParameterLayout((), (), ("car",), ("tau", "lcKeepRight"))
+    problem = SimpleNamespace(layout=layout)
+    explained = [Explained(effect.name, 0.0) for effect in EFFECTS if effect.name not in ("keep_right", "memory")]
+    reasons = not_testable(cast(Findings, SimpleNamespace(problem=problem, explained=explained)))
+    assert reasons["keep_right"] == "lcKeepRight, calibrated, is all that it is: what differs is a value"
+    assert set(reasons) == {"keep_right", "memory"}

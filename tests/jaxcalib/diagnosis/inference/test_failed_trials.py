@@ -1,13 +1,17 @@
 """Trials whose runs failed: an effect that no run survives is not taken for one that does nothing."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from jaxcalib.diagnosis.features.features import DriveTallies, TallyBook, gather_tallies
 from jaxcalib.diagnosis.features.windows import Window
-from jaxcalib.diagnosis.inference.atlas import effect_trials, surrogate_signatures
+from jaxcalib.diagnosis.inference.atlas import effect_trials, effects_to_try, surrogate_signatures, told_by_parameters
 from jaxcalib.diagnosis.inference.marginal_likelihood import Explained
 from jaxcalib.diagnosis.inference.place_search import refine_places
 from jaxcalib.diagnosis.runs.trials import BASELINE, FEWEST_PAIRS, has_pairs, paired_difference
+from sim_adapters.interface import ParameterLayout
+from surrogate.effects.registry import EFFECTS, effect_named
 from tests.jaxcalib.diagnosis.synthetic import made_up_null
 
 NULL = made_up_null()
@@ -43,6 +47,26 @@ def test_strengths_whose_runs_failed_are_left_out():
     (memory,) = signatures["memory"]
     np.testing.assert_array_equal(memory.strengths, [0.0, 0.5])
     np.testing.assert_allclose(memory.shift[1], 0.5 / NULL.deviation)
+
+
+LAYOUT = ParameterLayout(("main",), (("f",),), ("car",), ("tau", "lcCooperative", "lcKeepRight"))
+
+
+def test_an_effect_that_is_a_value_of_a_calibrated_parameter_is_none():
+    """Of cooperative yielding lcCooperativeSpeed is a part, too, and no calibration has it here."""
+    tried = effects_to_try(LAYOUT)
+    assert {effect.name for effect in EFFECTS} - {effect.name for effect in tried} == {
+        "keep_right",
+        "ramp_inflow_error",
+    }
+    assert told_by_parameters(effect_named("keep_right"), LAYOUT) == ("lcKeepRight",)
+    assert told_by_parameters(effect_named("cooperative_yielding"), LAYOUT) == ()
+    assert told_by_parameters(effect_named("memory"), LAYOUT) == ()
+    names = {one.effect.name for one in effect_trials(VALUES, NUM_RUNS, {}, tried)}
+    assert names == {one.effect.name for one in effect_trials(VALUES, NUM_RUNS, {})} - {"keep_right"}
+    both = replace(LAYOUT, attributes=("lcCooperative", "lcCooperativeSpeed"))
+    assert "cooperative_yielding" not in {effect.name for effect in effects_to_try(both)}
+    assert "keep_right" in {effect.name for effect in effects_to_try(both)}
 
 
 def test_places_where_all_runs_fail_are_not_moved_to():

@@ -76,14 +76,20 @@ class Maker:
             raise AllRunsFailedError("the values failed in SUMO", "")
         return baseline_at(values, self.sumo, FIRST_NULL_RUNS, self.cells, self.law)
 
-    def whole(self, first: Baseline) -> Baseline:
+    def onward(self, first: Baseline) -> Converged:
         if self.with_all_runs is None:
             raise NotTestableError("too few runs reach the end")
-        return baseline_at(first.values, self.with_all_runs, NUM_NULL, self.cells, self.law)
+        whole = baseline_at(first.values, self.with_all_runs, NUM_NULL, self.cells, self.law)
+        return Converged(first, whole, 1, 0)
 
 
 def baseline_at(
-    values: np.ndarray, sumo: Road, num_null: int = NUM_NULL, cells: tuple[Cell, ...] = CELLS, law: float = 0.0
+    values: np.ndarray,
+    sumo: Road,
+    num_null: int = NUM_NULL,
+    cells: tuple[Cell, ...] = CELLS,
+    law: float = 0.0,
+    surrogate: Road = as_it_is,
 ) -> Baseline:
     """Return a baseline; `law` is what its own expectation of drivers adds to what is counted."""
     chosen = [CELLS.index(cell) for cell in cells]
@@ -97,9 +103,10 @@ def baseline_at(
     difference = null.standardised(field.values())
     fitted = SimpleNamespace(null=null, difference=difference, tallies=field)
     in_sumo = SimpleNamespace(default=lambda: None)
+    trials = {BASELINE: drives(float(values[2]), FIRST_SLOPE_RUNS, 9, surrogate)}
     made = SimpleNamespace(
-        values=values, fitted=fitted, runs=SimpleNamespace(plain=plain), runner=None, in_sumo=in_sumo,
-        difference=difference, by_chance=float(len(cells)),
+        values=values, trials=trials, fitted=fitted, runs=SimpleNamespace(plain=plain), runner=Runner(surrogate),
+        in_sumo=in_sumo, difference=difference, by_chance=float(len(cells)),
     )  # fmt: skip
     return cast(Baseline, made)
 
@@ -111,15 +118,19 @@ def reopened(
     sumo: Road | None = as_it_is,
     whole: Road | None = as_it_is,
     others: float = 20.0,
+    began_at: float = 1.0,
     cells: tuple[Cell, ...] = CELLS,
     law: float = 0.0,
 ) -> tuple[Simulated, Simulated, Maker]:
     """Return the simulation before and after, and what made it."""
     maker = Maker(is_silent, sumo, whole, cells, law)
     default = drives(1.0, DEFAULT_RUNS, 3)
-    before = Simulated(cast(BaselineMaker, maker), Converged(baseline_at(VALUES, as_it_is), 1, 0), default)
-    known = {BASELINE: drives(1.0, SILENT_RUNS, 9, surrogate)}
-    book = TrialBook(cast(Any, Runner(surrogate)), FinishedParts(None), "", known, lambda number: None)
+    present, began = (
+        baseline_at(np.asarray([*VALUES[:2], weight]), as_it_is, surrogate=surrogate) for weight in (1.0, began_at)
+    )
+    before = Simulated(cast(BaselineMaker, maker), Converged(began, present, 1, 0), default)
+    known = {BASELINE: drives(1.0, SLOPE_RUNS, 9, surrogate)}
+    book = TrialBook(present.runner, FinishedParts(None), "", known, lambda number: None)
     explained = [Explained("unknown", -100.0 + others), Explained("none", -100.0)]
     checked = Checked(explained, {}, (), LOOK_RUNS)
     plan = SimpleNamespace(
@@ -128,16 +139,19 @@ def reopened(
     )  # fmt: skip
     case = SimpleNamespace(drives=[SimpleNamespace(depart_s=300.0)])
     alone = SimpleNamespace(template=SimpleNamespace(can_share_runs=False), case=case)
-    session = cast(Any, SimpleNamespace(seed=0, plan=plan, problem=alone, stopwatch=Stopwatch(lambda: 0.0)))
+    progress = SimpleNamespace(surrogate_runs=lambda number: None)
+    session = SimpleNamespace(
+        seed=0, plan=plan, problem=alone, stopwatch=Stopwatch(lambda: 0.0), parts=FinishedParts(None), progress=progress
+    )
     judged = cast(Judged, SimpleNamespace(verdict=SimpleNamespace(kind=verdict), grounds=SimpleNamespace(pairs=None)))
-    return before, reopen_silent_values(session, before, book, checked, judged), maker
+    return before, reopen_silent_values(cast(Any, session), before, book, checked, judged), maker
 
 
 def test_a_silent_value_that_explains_the_drives_is_moved_there():
     before, after, maker = reopened()
     assert after.baseline is not before.baseline
     np.testing.assert_array_equal(after.baseline.values[:2], VALUES[:2])
-    assert after.baseline.values[2] == pytest.approx(3.4, abs=0.6)  # of eight values between 0.2 and 5
+    assert after.baseline.values[2] == pytest.approx(3.4, abs=0.3)
     assert maker.asked == [after.baseline.values[2]]
     assert (before.moved(NAMES), after.moved(NAMES)) == ([], ["lcSpeedGain"])
     assert (before.instead_of, after.instead_of) == ("", "unknown")
@@ -145,13 +159,28 @@ def test_a_silent_value_that_explains_the_drives_is_moved_there():
     assert after.converged.num_baselines == 2
     # looks and the scenario's own runs, and those of the values given up beyond their first
     assert after.converged.num_sumo_runs == LOOK_RUNS + DEFAULT_RUNS + NUM_NULL - FIRST_NULL_RUNS
-    assert after.converged.num_surrogate_runs == SILENT_RUNS * 9  # the baseline's, and eight values
+    # the baseline's, and of each surface eight values, and where it leads and its best point, if it promises anything
+    surfaces, left = divmod(after.converged.num_surrogate_runs - SLOPE_RUNS, 8 * SILENT_RUNS + 2 * SLOPE_RUNS)
+    assert surfaces in (1, 2, 3)
+    assert left in (0, 8 * SILENT_RUNS)
+
+
+def test_a_search_begins_at_the_values_of_the_logs_too():
+    """The surrogate answers to nothing near the present value; from where the logs' values are it does."""
+
+    def road(weight: float) -> float:
+        return weight if weight > 2.0 else 1.0
+
+    lone = reopened(surrogate=lambda weight: 0.0)[2]
+    assert lone.asked == []
+    _, after, maker = reopened(surrogate=road, began_at=2.5)
+    assert after.baseline.values[2] == maker.asked[0] == pytest.approx(3.4, abs=0.6)
 
 
 def test_a_value_that_logs_show_is_not_told_as_one_that_they_do_not():
     _, after, maker = reopened()
     elsewhere = baseline_at(after.baseline.values * [1.0, 1.1, 1.0], as_it_is)
-    found = Simulated(cast(BaselineMaker, maker), Converged(elsewhere, 1, 0), None)
+    found = Simulated(cast(BaselineMaker, maker), Converged(elsewhere, elsewhere, 1, 0), None)
     assert found.moved(NAMES) == ["lcSpeedGain"]
 
 
@@ -170,7 +199,8 @@ def test_what_the_logs_show_stays():
 
 def test_what_changes_nothing_in_the_surrogate_is_not_tried_in_sumo():
     before, after, maker = reopened(surrogate=lambda weight: 0.0)
-    assert after is before
+    assert after.baseline is before.baseline
+    assert after.converged == before.converged
     assert maker.asked == []
 
 
