@@ -1,6 +1,7 @@
 """Between judgement and refit: values of which the logs are silent, tried elsewhere before something is missing."""
 
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -38,54 +39,101 @@ def reopen_silent_values(
     if judged.verdict.kind in ("no_gap", "miscalibrated") or not open_values.num_points:
         return simulated
     with session.stopwatch.time("baseline"):
-        found, num_tried = _found_in_surrogate(session, simulated, book, open_values)
-        if found is None:
-            return _counted(simulated, num_tried, num_baselines=0)
-        try:
-            first = maker.at(found, baseline.runner)
-        except AllRunsFailedError:  # before the surrogate ran
-            return _counted(simulated, num_tried)
-        except NotTestableError:
-            return _counted(simulated, num_tried + _num_slope_runs(found, session.plan.first_slope_runs))
+        found, tried = _found_in_surrogate(session, simulated, book, open_values)
+        first, tried = _best_in_sumo(session, simulated, found, tried)
+        if first is None:
+            return tried.added_to(simulated)
         try:
             moved = maker.onward(first)
         except (NotTestableError, AllRunsFailedError):
-            return _counted(simulated, num_tried + _num_slope_runs(found, session.plan.slope_runs))
-        num_others = num_tried + moved.num_surrogate_runs
+            return tried.plus(_num_slope_runs(first.values, session.plan.slope_runs)).added_to(simulated)
+        # the first baseline of the way was counted with those that were tried
+        tried = tried.plus(moved.num_surrogate_runs, moved.num_sumo_runs, moved.num_baselines - 1)
         if not _explains_best(baseline, moved.baseline, checked, judged, open_values.num_points):
-            further = moved.num_sumo_runs + _num_further_runs(session, moved.baseline)
-            num_runs = num_others + _num_slope_runs(found, session.plan.slope_runs)
-            return _counted(simulated, num_runs, further, moved.num_baselines)
+            num_runs = _num_slope_runs(first.values, session.plan.slope_runs)
+            return tried.plus(num_runs, _num_further_runs(session, moved.baseline)).added_to(simulated)
         given_up = 0 if simulated.default is None else simulated.default.num_runs
-        num_sumo_runs = checked.num_runs + _num_further_runs(session, baseline) + given_up + moved.num_sumo_runs
-        counted = _counted(simulated, book.num_runs + num_others, num_sumo_runs, moved.num_baselines).converged
+        tried = tried.plus(book.num_runs, checked.num_runs + _num_further_runs(session, baseline) + given_up)
         best = max((each for each in checked.explained if each.name != NONE), key=lambda each: each.log_evidence)
+        counted = tried.added_to(simulated).converged
         default = moved.baseline.in_sumo.default()
         return Simulated(maker, replace(counted, baseline=moved.baseline), default, best.name)
 
 
+@dataclass(frozen=True)
+class _Tried:
+    """What was run beside the trials of the book."""
+
+    num_surrogate_runs: int = 0
+    num_sumo_runs: int = 0  # beside the first ones of baselines
+    num_baselines: int = 0  # that were begun
+
+    def plus(self, num_surrogate_runs: int = 0, num_sumo_runs: int = 0, num_baselines: int = 0) -> "_Tried":
+        return _Tried(
+            self.num_surrogate_runs + num_surrogate_runs,
+            self.num_sumo_runs + num_sumo_runs,
+            self.num_baselines + num_baselines,
+        )
+
+    def added_to(self, simulated: Simulated) -> Simulated:
+        """Return a simulation that counts it."""
+        known = simulated.converged
+        return replace(
+            simulated,
+            converged=replace(
+                known,
+                num_baselines=known.num_baselines + self.num_baselines,
+                num_surrogate_runs=known.num_surrogate_runs + self.num_surrogate_runs,
+                num_sumo_runs=known.num_sumo_runs + self.num_sumo_runs,
+            ),
+        )
+
+
 def _found_in_surrogate(
     session: DiagnosisSession, simulated: Simulated, book: TrialBook, open_values: OpenValues
-) -> tuple[np.ndarray | None, int]:
-    """Return the likeliest values by the surrogate, and the runs that took beside the book's.
-
-    None where none is likelier than the present ones.
-    """
+) -> tuple[list[np.ndarray], _Tried]:
+    """Return the likeliest values by the surrogate from each beginning on, where they are likelier than there."""
     baseline, first = simulated.baseline, simulated.converged.first
-    books, num_runs = [(baseline, book)], 0
+    books, tried = [(baseline, book)], _Tried()
     if first.values.tolist() != baseline.values.tolist():
         books.append((first, simulated.trial_book(session, first)))
-        num_runs -= books[-1][1].num_runs  # what is known was counted
-    best, best_gain = None, LEAST_EVIDENCE
+        tried = tried.plus(-books[-1][1].num_runs)  # what is known was counted
+    likeliest = []
     for begin, its_book in books:
-        null, plan = begin.fitted.null, session.plan
-        search = SilentSearch(null, its_book.run, plan.silent_runs, plan.slope_runs, session.seed)
+        plan = session.plan
+        search = SilentSearch(begin.fitted.null, its_book.run, plan.silent_runs, plan.slope_runs, session.seed)
         opened = replace(open_values, values=begin.values)
         found = search.search(opened, begin.difference, its_book.run("silent", [])[BASELINE])
-        there = evidence_between(null, begin.difference, baseline.fitted.null, baseline.difference)
-        if found.num_moves and there + found.gain > best_gain:
-            best, best_gain = found.values, there + found.gain
-    return best, num_runs + sum(its_book.num_runs for _, its_book in books[1:])
+        if found.gain > LEAST_EVIDENCE:
+            likeliest.append(found.values)
+    return likeliest, tried.plus(sum(its_book.num_runs for _, its_book in books[1:]))
+
+
+def _best_in_sumo(
+    session: DiagnosisSession, simulated: Simulated, several: Sequence[np.ndarray], tried: _Tried
+) -> tuple[Baseline | None, _Tried]:
+    """Return the baseline from which the drives are likeliest in SUMO, with its first runs; None where all fail.
+
+    By how much the surrogate prefers one says little where both begin at other values: it is SUMO that is held against
+    the drives.
+    """
+    baseline, best, most = simulated.baseline, None, -np.inf
+    for values in several:
+        tried = tried.plus(num_baselines=1)
+        try:
+            first = simulated.maker.at(values, baseline.runner)
+        except AllRunsFailedError:  # before the surrogate ran
+            continue
+        except NotTestableError:
+            tried = tried.plus(_num_slope_runs(values, session.plan.first_slope_runs))
+            continue
+        null = baseline.fitted.null
+        evidence = evidence_between(first.fitted.null, first.difference, null, baseline.difference)
+        if best is not None:  # one of them is given up
+            tried = tried.plus(_num_slope_runs(values, session.plan.first_slope_runs))
+        if evidence > most:
+            best, most = first, evidence
+    return best, tried
 
 
 def _explains_best(baseline: Baseline, moved: Baseline, checked: Checked, judged: Judged, num_points: int) -> bool:
@@ -109,19 +157,3 @@ def _num_slope_runs(values: np.ndarray, of_each: int) -> int:
 def _num_further_runs(session: DiagnosisSession, baseline: Baseline) -> int:
     """Return SUMO's runs of a baseline beyond its first ones."""
     return baseline.runs.plain.num_runs - num_runs_for(session.problem, session.plan.first_null_drives)
-
-
-def _counted(
-    simulated: Simulated, num_surrogate_runs: int = 0, num_sumo_runs: int = 0, num_baselines: int = 1
-) -> Simulated:
-    """The same with more baselines that were begun, and runs that were made for others."""
-    known = simulated.converged
-    return replace(
-        simulated,
-        converged=replace(
-            known,
-            num_baselines=known.num_baselines + num_baselines,
-            num_surrogate_runs=known.num_surrogate_runs + num_surrogate_runs,
-            num_sumo_runs=known.num_sumo_runs + num_sumo_runs,
-        ),
-    )

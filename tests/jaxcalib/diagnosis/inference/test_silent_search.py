@@ -21,7 +21,7 @@ IS_SILENT = np.asarray([False, False, True, True])
 ANSWER = np.random.default_rng(3).normal(0.0, 3.0, (3, NUM_FEATURES))
 
 
-def road(values: Sequence[float]) -> np.ndarray:
+def road(values: Sequence[float] | np.ndarray) -> np.ndarray:
     """Features that saturate, and of which a third answers to both weights at once: no surface of second order."""
     gain, right = (np.asarray(values) / HIGH)[2:]
     return np.tanh(2.0 * gain) * ANSWER[0] + np.tanh(2.0 * right) * ANSWER[1] + 2.0 * gain * right * ANSWER[2]

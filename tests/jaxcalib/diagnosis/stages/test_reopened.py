@@ -165,16 +165,17 @@ def test_a_silent_value_that_explains_the_drives_is_moved_there():
     assert left in (0, 8 * SILENT_RUNS)
 
 
-def test_a_search_begins_at_the_values_of_the_logs_too():
-    """The surrogate answers to nothing near the present value; from where the logs' values are it does."""
+def test_searches_begin_at_the_values_of_the_logs_too_and_sumo_chooses():
+    """Beyond 3.3 this SUMO is full, and the drives are at 3.4 by the law of a free road."""
 
-    def road(weight: float) -> float:
-        return weight if weight > 2.0 else 1.0
+    def full(weight: float) -> float:
+        return weight if weight < 3.3 else 9.0
 
-    lone = reopened(surrogate=lambda weight: 0.0)[2]
-    assert lone.asked == []
-    _, after, maker = reopened(surrogate=road, began_at=2.5)
-    assert after.baseline.values[2] == maker.asked[0] == pytest.approx(3.4, abs=0.6)
+    _, after, maker = reopened(began_at=2.5, sumo=full)
+    assert len(maker.asked) == 2
+    assert max(maker.asked) > 3.3 > min(maker.asked)
+    assert after.baseline.values[2] == min(maker.asked)
+    assert after.converged.num_baselines == 3
 
 
 def test_a_value_that_logs_show_is_not_told_as_one_that_they_do_not():
