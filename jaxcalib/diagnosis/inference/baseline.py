@@ -19,7 +19,6 @@ from jaxcalib.diagnosis.features.noise import NullModel
 from jaxcalib.diagnosis.inference.atlas import parameter_trials
 from jaxcalib.diagnosis.inference.investigation import NotTestableError, Prepared, prepare
 from jaxcalib.diagnosis.inference.ledger import parameter_shift
-from jaxcalib.diagnosis.inference.silent_values import evidence_between
 from jaxcalib.diagnosis.runs.explained_runs import least_values
 from jaxcalib.diagnosis.runs.finished_parts import FinishedParts
 from jaxcalib.diagnosis.runs.null_runs import NullRuns
@@ -140,7 +139,7 @@ class BaselineMaker:
             NotTestableError: the drives show too little.
         """
         best, number, num_moves = first, 1, 0
-        while number < MOST_ROUNDS and np.max(np.abs(self._asked(best.values, best.difference, best))) > FAR_STEPS:
+        while number < MOST_ROUNDS and np.max(np.abs(best.shift)) > FAR_STEPS:
             way, tried = self.moved(best)
             num_moves += tried + bool(tried)  # where they begin is run, too
             nearer = None
@@ -152,7 +151,7 @@ class BaselineMaker:
                     latest = self.at(values, best.runner)
                 except (NotTestableError, AllRunsFailedError):
                     continue  # too little is seen there, or the subject vehicle finds no way in
-                nearer = latest if _explains_better(latest, best) else None
+                nearer = latest if latest.misfit < best.misfit else None
             if nearer is None:
                 break
             best = nearer
@@ -170,7 +169,7 @@ class BaselineMaker:
         least = np.maximum(self.bounds[0], least_values(values))
         way, num_tried = [], 0
         while num_tried < MOST_MOVES:
-            shift = self._asked(values, difference, best)
+            shift = parameter_shift(difference, null)
             if np.max(np.abs(shift)) <= FAR_STEPS:
                 break
             step = sizes * np.clip(shift, -LONGEST_STEPS, LONGEST_STEPS)
@@ -182,21 +181,6 @@ class BaselineMaker:
             values, difference = further, best.difference - change
             way.append(values)
         return way, num_tried
-
-    def _asked(self, values: np.ndarray, difference: np.ndarray, best: Baseline) -> np.ndarray:
-        """Return the likeliest shift of parameters, in a baseline's steps, where the drives differ from them so much.
-
-        What the logs say of a value holds at every move: an inflow does not go on, move by move, to where it makes up
-        for weights of lane changes of which they say nothing.
-        """
-        null, steps = best.fitted.null, parameter_steps(self.problem.layout, best.values)
-        is_known = np.isfinite(self.error)
-        back = np.where(is_known, (self.begin - values) / steps, 0.0)
-        open_steps = np.hypot(np.where(is_known, self.error, 0.0) / steps, LEAST_OPEN_STEPS)
-        open_steps = np.where(is_known, open_steps, MOST_OPEN_STEPS)
-        covariance = null.noise + null.slope @ np.diag(open_steps**2) @ null.slope.T
-        anchored = replace(null, covariance=covariance, prior_steps=open_steps)
-        return back + parameter_shift(difference - null.slope @ back, anchored)
 
     def _change(self, best: Baseline, values: np.ndarray) -> np.ndarray | None:
         """Change of the surrogate's features from a baseline's values to others, in units of noise.
@@ -276,11 +260,6 @@ class BaselineMaker:
     ) -> Prepared:
         is_fit = np.asarray([drive.role == "fit" for drive in self.problem.drives])
         return prepare(self.problem, field.take(is_fit), runs, trials, prior_steps)
-
-
-def _explains_better(one: Baseline, other: Baseline) -> bool:
-    """Return whether the drives are likelier from one baseline; what is but wider, as a jam is, does not gain by it."""
-    return evidence_between(one.fitted.null, one.difference, other.fitted.null, other.difference) > 0.0
 
 
 def _misfit(difference: np.ndarray, null: NullModel) -> float:

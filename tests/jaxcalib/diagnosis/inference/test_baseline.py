@@ -122,7 +122,7 @@ def test_a_parameter_that_all_features_would_move_far_is_moved():
     found = maker.converged()
     baseline, number = found.baseline, found.num_baselines
     assert number == len(maker.asked) == 2
-    np.testing.assert_allclose(baseline.values, goal, rtol=1e-4)  # features say more than logs
+    np.testing.assert_allclose(baseline.values, goal, rtol=1e-6)
 
 
 def test_steps_are_bounded_and_so_is_their_number():
@@ -176,50 +176,8 @@ def test_the_surrogate_says_how_far_to_go(sensitivity: float, steps: float):
     """What a move changes there counts, not what the slopes had promised; within three steps it is near enough."""
     maker = made(towards(BEGIN + SIZES * [8.0, 0.0, 0.0]), change=lambda moved: sensitivity * moved)
     way, num_tried = maker.moved(maker.at(BEGIN, None))
-    np.testing.assert_allclose(way[-1], BEGIN + SIZES * [steps, 0.0, 0.0], rtol=1e-5)
+    np.testing.assert_allclose(way[-1], BEGIN + SIZES * [steps, 0.0, 0.0], rtol=1e-6)
     assert num_tried == len(way) == math.ceil(steps / LONGEST_STEPS)
-
-
-def test_what_the_logs_say_holds_at_every_move():
-    """Twenty steps that features ask for are four where the logs are four times as sure, and not twelve by and by."""
-    noisy = replace(
-        NULL, noise=np.eye(3), covariance=np.eye(3) + NULL.slope @ np.diag(NULL.prior_steps**2) @ NULL.slope.T
-    )
-    sure = replace(made(towards(BEGIN)), error=np.asarray([600.0, 0.0, np.inf]))
-    for goal, expected in ((np.asarray([0.0, 20.0, 0.0]), 4.0), (np.asarray([0.0, -20.0, 0.0]), -4.0)):
-        shift = NULL.slope @ goal
-        begin = cast(
-            Baseline,
-            SimpleNamespace(values=BEGIN, fitted=SimpleNamespace(null=noisy, difference=shift), difference=shift),
-        )
-        way, num_tried = sure.moved(begin)
-        assert num_tried == len(way) == 1
-        np.testing.assert_allclose((way[0] - BEGIN) / SIZES, [0.0, expected, 0.0], atol=1e-3)
-
-
-def test_a_baseline_that_is_but_wider_agrees_no_better():
-    """Where jams come and go features vary by ten times as much, and any drives lie within."""
-
-    def tell(values: np.ndarray) -> tuple[np.ndarray, float]:
-        return np.asarray([4.0, 0.0, 0.0]) if np.array_equal(values, BEGIN) else np.asarray([1.0, 0.0, 0.0]), 0.0
-
-    for width, is_kept in ((1.0, True), (50.0, False)):
-
-        @dataclass(frozen=True)
-        class Wider(Made):
-            wider: float = width
-
-            def at(self, values: np.ndarray, runner: TrialRunner | None) -> Baseline:
-                found = super().at(values, runner)
-                deviation = NULL.deviation * (1.0 if np.array_equal(values, BEGIN) else self.wider)
-                return cast(
-                    Baseline, SimpleNamespace(**vars(found) | {
-                        "fitted": SimpleNamespace(null=replace(NULL, deviation=deviation), difference=found.difference),
-                    }),
-                )  # fmt: skip
-
-        maker = Wider(**vars(made(tell)))
-        assert np.array_equal(maker.converged().baseline.values, BEGIN) != is_kept
 
 
 @pytest.mark.parametrize("change", [lambda steps: -steps, lambda steps: None, lambda steps: 3.0 * steps])
