@@ -10,7 +10,6 @@ from experiments.blind_effects.field_spec import DriverType, FieldSpec
 from experiments.blind_effects.seal import Label
 from experiments.roads.drawn_road import find_road
 from experiments.roads.road import BELIEVED_DRIVER, Road
-from surrogate.effects.registry import effect_named
 
 Size = Literal["tiny", "quick", "full"]
 LEVELS = ("weak", "medium", "strong")
@@ -27,6 +26,7 @@ WEIGHTS = {
     "lcStrategic": (0.5, 5.0), "lcSpeedGain": (0.3, 5.0), "lcCooperative": (0.0, 1.0), "lcCooperativeSpeed": (0.0, 1.0),
     "lcKeepRight": (0.0, 1.5),
 }  # fmt: skip
+MORE_OF_WEIGHTS = ("cooperative_yielding", "keep_right")  # effects that are but other values of these
 
 
 @dataclass(frozen=True)
@@ -48,12 +48,6 @@ class CasePlan:
         return (*CALIBRATED, *more) if self.draws_weights else CALIBRATED
 
 
-def _is_weight(name: str) -> bool:
-    """Whether an effect of the library is but other values of lane-change weights."""
-    attributes = {attribute for attribute, _ in effect_named(name).vtype_attributes}
-    return bool(attributes) and attributes <= set(WEIGHTS)
-
-
 def plan_cases(
     size: Size, roads: tuple[str, ...], seed: int, kinds: tuple[str, ...] = (), draws_weights: bool = False
 ) -> list[CasePlan]:
@@ -70,7 +64,7 @@ def plan_cases(
     """
     rng = np.random.default_rng(seed)
     known = [name for name, effect in EFFECTS.items() if not effect.is_outside]
-    inside = [name for name in known if not (draws_weights and _is_weight(name))]
+    inside = [name for name in known if not (draws_weights and name in MORE_OF_WEIGHTS)]
     outside = [name for name, effect in EFFECTS.items() if effect.is_outside]
     wanted: list[tuple[str, tuple[tuple[str, str], ...], str]] = []
 

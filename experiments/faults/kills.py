@@ -33,14 +33,13 @@ def trials(ground: Ground, numbers: Sequence[int]) -> Iterator[Trial]:
         name = KILLED[number % len(KILLED)]
         reference, command = reference_of(ground, name), COMMANDS[name]
         chance, began_s = ground.chance(number), time.monotonic()
-        latest_s = LATEST * reference.wall_s
+        out = ground.folder / f"{number:05d}" / "run"
+        words, killed = command.words(ground.case, out), Killed((), reference.wall_s, "")
         for _ in range(MOST_BEGINNINGS):
-            out = ground.fresh(f"{number:05d}") / "run"
-            words = command.words(ground.case, out)
-            killed = killed_at_random(words, chance, latest_s)
+            ground.fresh(f"{number:05d}")
+            killed = killed_at_random(words, chance, LATEST * killed.wall_s)
             if killed.moments_s or killed.wrong:
                 break
-            latest_s = LATEST * killed.wall_s
         last = Started(words).wait(LONGEST_S)
         wrong = killed.wrong or fault_of_ended(last)
         if not wrong and last.code:

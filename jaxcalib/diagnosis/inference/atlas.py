@@ -84,11 +84,18 @@ def effect_trials(
     values: np.ndarray,
     num_runs: int,
     windows: Mapping[str, Sequence[Window]],
-    effects: Sequence[Effect] = EFFECTS,
+    effects: Sequence[Effect] | None = None,
 ) -> list[EffectTrial]:
-    """Return the trials of the effects that the surrogate shows, medium and strong; local ones in their windows."""
+    """Return the trials of the effects that the surrogate shows, medium and strong; local ones in their windows.
+
+    Args:
+        values: parameter values.
+        num_runs: runs of each trial.
+        windows: where local effects are tried, by effect.
+        effects: which ones; all of the registry unless given.
+    """
     trials = []
-    for effect in effects:
+    for effect in EFFECTS if effects is None else effects:
         if effect.is_sensor_s or effect.is_calibrated:
             continue
         is_everywhere = effect.searched_at is SearchedAt.EVERYWHERE

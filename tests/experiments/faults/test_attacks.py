@@ -92,7 +92,8 @@ def test_a_check_that_fails_is_a_fault_and_one_that_works_is_none(
     (spoilt / "case.toml").write_text("format = 3\n")
     refused = check(spoilt, page)
     assert refused.code == 2
-    assert fault_of(refused.code, refused.err, files=["case.toml"]) == ""
+    assert fault_of(refused.code, refused.err, may_say_more=True, files=["case.toml"]) == ""
+    assert refused.err.count("case.toml: ") == 3  # the format, and what is missing
 
     def break_down(*arguments: Any, **options: Any) -> int:
         raise KeyError("vType")

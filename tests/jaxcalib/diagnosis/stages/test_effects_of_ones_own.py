@@ -286,7 +286,8 @@ def field_of(settings: dict[str, EffectSetting]) -> list[DriveTable]:
 
 
 def reasons(tried: Tried) -> dict[str, str]:
-    return not_testable(cast(Findings, SimpleNamespace(explained=tried.explained)))
+    problem = SimpleNamespace(layout=LAYOUT)
+    return not_testable(cast(Findings, SimpleNamespace(problem=problem, explained=tried.explained)))
 
 
 def test_a_local_one_is_found_at_its_place(null: Null):
