@@ -49,7 +49,8 @@ def reopen_silent_values(
             return tried.plus(_num_slope_runs(first.values, session.plan.slope_runs)).added_to(simulated)
         # the first baseline of the way was counted with those that were tried
         tried = tried.plus(moved.num_surrogate_runs, moved.num_sumo_runs, moved.num_baselines - 1)
-        if not _explains_best(baseline, moved.baseline, checked, judged, open_values.num_points):
+        num_chances = len(found) * open_values.num_points
+        if not _explains_best(baseline, moved.baseline, checked, judged, num_chances):
             num_runs = _num_slope_runs(first.values, session.plan.slope_runs)
             return tried.plus(num_runs, _num_further_runs(session, moved.baseline)).added_to(simulated)
         given_up = 0 if simulated.default is None else simulated.default.num_runs
@@ -136,8 +137,8 @@ def _best_in_sumo(
     return best, tried
 
 
-def _explains_best(baseline: Baseline, moved: Baseline, checked: Checked, judged: Judged, num_points: int) -> bool:
-    """Return whether moved values explain the drives better than all else does, each of the points having its chance.
+def _explains_best(baseline: Baseline, moved: Baseline, checked: Checked, judged: Judged, num_chances: int) -> bool:
+    """Return whether moved values explain the drives better than all else does, by as many chances as points had.
 
     Evidence is as sure as that between explanations.
     """
@@ -147,7 +148,7 @@ def _explains_best(baseline: Baseline, moved: Baseline, checked: Checked, judged
     pairs = judged.grounds.pairs
     others = best_gain(checked.explained) + (0.0 if pairs is None else max(pairs.gain, 0.0))
     gain = evidence_between(moved.fitted.null, moved.difference, null, baseline.difference) - others
-    return gain / temperature(checked.explained, baseline.by_chance) - np.log(num_points) >= LEAST_EVIDENCE
+    return gain / temperature(checked.explained, baseline.by_chance) - np.log(num_chances) >= LEAST_EVIDENCE
 
 
 def _num_slope_runs(values: np.ndarray, of_each: int) -> int:
