@@ -83,8 +83,10 @@ def judge(
     )
     if min(least, best_gain(explained)) < LEAST_EVIDENCE:
         if shift_errors > MISCALIBRATED_ERRORS:
-            return Verdict("miscalibrated", (), probability, "The scenario's values differ from the road's; with "
-                           "calibrated values the drives to fit leave nothing that noise does not explain.")  # fmt: skip
+            reason = "calibrated values the drives to fit leave nothing that noise does not explain."
+            return Verdict(
+                "miscalibrated", (), probability, f"The scenario's values differ from the road's; with {reason}"
+            )
         return Verdict("no_gap", (), probability, "Simulation and road differ by no more than noise.")
     effects = [explanation for explanation in ranked if explanation.name != UNKNOWN]
     if sure_of_pair and not few_drives and not set(sure_of_pair) & set(aliased):
