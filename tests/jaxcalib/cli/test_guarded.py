@@ -56,6 +56,15 @@ def test_a_check_names_every_fault_of_a_case_and_other_commands_the_first(capsys
     assert capsys.readouterr().err == f"jaxcalib: case.toml: {first}\n"
 
 
+def test_the_simulator_s_last_words_are_kept_where_there_is_a_folder(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    assert guarded(raising(FAILED), GO_ON, tmp_path) == 3
+    assert (tmp_path / LOG_FILE).read_text() == "Error: the last words.\n"
+    line = f"jaxcalib: no run succeeded. Error: the last words. See {tmp_path / LOG_FILE}.\n"
+    assert capsys.readouterr().err == line
+
+
 def test_the_simulator_s_last_words_are_said_where_they_cannot_be_kept(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
