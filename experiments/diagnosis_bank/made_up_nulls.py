@@ -23,7 +23,7 @@ from jaxcalib.diagnosis.inference.sumo_check import Checked
 from jaxcalib.diagnosis.runs.null_runs import NullRuns
 from jaxcalib.diagnosis.stages.judged import judge_drives
 from jaxcalib.diagnosis.stages.session import DiagnosisSession
-from jaxcalib.diagnosis.stages.simulated import simulate_null
+from jaxcalib.diagnosis.stages.simulated import simulate_null, trial_book_of
 from jaxcalib.diagnosis.stages.tried import try_effects
 
 NO_ALARM = ("no_gap", "miscalibrated")
@@ -51,7 +51,7 @@ def judge_made_up_nulls(case: KeptCase, num_fields: int, seed: int = 0) -> Itera
                 made = made_up_baseline(session, simulated.baseline, random)
             except NotTestableError:
                 continue
-            tried = try_effects(session, made, simulated.trial_book(session, simulated.baseline))
+            tried = try_effects(session, made, trial_book_of(simulated.baseline, session))
             judged = judge_drives(session, made, tried.num_places, Checked(tried.explained, tried.signatures, ()))
             verdict = judged.verdict
             yield MadeUpNull(road, verdict.kind, verdict.probability[NONE], verdict.probability[UNKNOWN])

@@ -19,7 +19,7 @@ from jaxcalib.diagnosis.stages.judged import Judged, judge_drives
 from jaxcalib.diagnosis.stages.refitted import refit_best
 from jaxcalib.diagnosis.stages.reopened import reopen_silent_values
 from jaxcalib.diagnosis.stages.session import DiagnosisSession, begin_session
-from jaxcalib.diagnosis.stages.simulated import Simulated, simulate_null
+from jaxcalib.diagnosis.stages.simulated import Simulated, simulate_null, trial_book_of
 from jaxcalib.diagnosis.stages.tried import Tried, try_effects
 from jaxcalib.problem.engines import prepare_devices
 from jaxcalib.problem.problem import read_problem
@@ -119,7 +119,7 @@ class _Found:
 
 
 def _judge(session: DiagnosisSession, simulated: Simulated) -> _Found:
-    baseline, book = simulated.baseline, simulated.trial_book(session, simulated.baseline)
+    baseline, book = simulated.baseline, trial_book_of(simulated.baseline, session)
     tried = try_effects(session, baseline, book)
     checked = check_best(session, baseline, tried)
     return _Found(book, tried, checked, judge_drives(session, baseline, tried.num_places, checked))

@@ -19,7 +19,7 @@ from jaxcalib.diagnosis.runs.trial_book import TrialBook
 from jaxcalib.diagnosis.runs.trials import BASELINE
 from jaxcalib.diagnosis.stages.judged import Judged
 from jaxcalib.diagnosis.stages.session import DiagnosisSession
-from jaxcalib.diagnosis.stages.simulated import Simulated
+from jaxcalib.diagnosis.stages.simulated import Simulated, trial_book_of
 
 LEAST_SHARED = 0.9  # of the features: a road that no longer shows what the drives show contradicts them
 
@@ -95,10 +95,10 @@ def _found_in_surrogate(
 ) -> tuple[list[np.ndarray], _Tried]:
     """Return the likeliest values by the surrogate from each beginning on, where they are likelier than there."""
     baseline, first = simulated.baseline, simulated.converged.first
-    books, tried = [(baseline, book)], _Tried()
+    books, num_known = [(baseline, book)], 0
     if first.values.tolist() != baseline.values.tolist():
-        books.append((first, simulated.trial_book(session, first)))
-        tried = tried.plus(-books[-1][1].num_runs)  # what is known was counted
+        books.append((first, trial_book_of(first, session)))
+        num_known = books[-1][1].num_runs  # counted when it was made
     likeliest = []
     for begin, its_book in books:
         plan = session.plan
@@ -107,7 +107,7 @@ def _found_in_surrogate(
         found = search.search(opened, begin.difference, its_book.run("silent", [])[BASELINE])
         if found.gain > LEAST_EVIDENCE:
             likeliest.append(found.values)
-    return likeliest, tried.plus(sum(its_book.num_runs for _, its_book in books[1:]))
+    return likeliest, _Tried(sum(its_book.num_runs for _, its_book in books[1:]) - num_known)
 
 
 def _best_in_sumo(

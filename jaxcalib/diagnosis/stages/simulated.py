@@ -36,10 +36,11 @@ class Simulated:
         is_moved = ~np.isfinite(self.maker.error) & (self.baseline.values != self.maker.begin)
         return [name for name, moved in zip(names, is_moved, strict=True) if moved]
 
-    def trial_book(self, session: DiagnosisSession, baseline: Baseline) -> TrialBook:
-        """A book of trials from a baseline on, which holds those of the parameters."""
-        key = repr(baseline.values.tolist())
-        return TrialBook(baseline.runner, session.parts, key, baseline.trials, session.progress.surrogate_runs)
+
+def trial_book_of(baseline: Baseline, session: DiagnosisSession) -> TrialBook:
+    """Return a book of trials from a baseline on, which holds those of the parameters."""
+    key = repr(baseline.values.tolist())
+    return TrialBook(baseline.runner, session.parts, key, baseline.trials, session.progress.surrogate_runs)
 
 
 def simulate_null(session: DiagnosisSession, calibrated: Calibrated) -> Simulated:
