@@ -15,7 +15,9 @@ from jaxcalib.cli.guarded import guarded
 from jaxcalib.errors import CaseError
 from jaxcalib.problem.settings import read_settings
 
+ALL_PATTERNS = tuple(range(1, len(DEMANDS) + 1))
 Count = Annotated[int, Parameter(validator=Number(gte=1, lte=100))]
+Patterns = Annotated[tuple[int, ...], Parameter(consume_multiple=True, negative="")]
 Factor = Annotated[float, Parameter(validator=Number(gte=0.05, lte=100.0))]
 app = App(name="experiments.paper", help="The paper's evaluation, its figures and its numbers, on any case.")
 
@@ -27,7 +29,7 @@ def evaluate(
     *,
     out: Path,
     repetitions: Count = 5,
-    patterns: Annotated[int, Parameter(validator=Number(gte=1, lte=len(DEMANDS)))] = len(DEMANDS),
+    patterns: Patterns = ALL_PATTERNS,
     budget: Factor = 1.0,
     method: Annotated[tuple[str, ...], Parameter(consume_multiple=True, negative="")] = METHODS,
     settings: Path | None = None,
@@ -45,7 +47,7 @@ def evaluate(
     repetitions
         Of every method on every pattern, with other seeds.
     patterns
-        How many traffic patterns; the first is the case's own field, the others are simulated in SUMO.
+        Numbers of traffic patterns; 1 is the case's own field, 2 to 5 are simulated in SUMO.
     budget
         Factor on the numbers of simulation runs, as in jaxcalib calibrate, the same for all methods.
     method
@@ -63,7 +65,7 @@ def ablation(
     *,
     out: Path,
     repetitions: Count = 5,
-    patterns: Annotated[int, Parameter(validator=Number(gte=1, lte=len(DEMANDS)))] = 1,
+    patterns: Patterns = (1,),
     budget: Factor = 1.0,
     method: Annotated[tuple[str, ...], Parameter(consume_multiple=True, negative="")] = (IMPROVED, *ABLATIONS),
     settings: Path | None = None,
@@ -79,7 +81,7 @@ def ablation(
     repetitions
         Of every variant on every pattern, with other seeds.
     patterns
-        How many traffic patterns.
+        Numbers of traffic patterns.
     budget
         Factor on the numbers of simulation runs.
     method
@@ -153,7 +155,7 @@ def _study(
     case: Path,
     out: Path,
     repetitions: int,
-    patterns: int,
+    patterns: tuple[int, ...],
     budget: float,
     methods: tuple[str, ...],
     known: tuple[str, ...],
@@ -167,9 +169,7 @@ def _study(
         for name in methods:
             if name not in known:
                 raise CaseError("command line", "--method", f'expected some of {", ".join(known)}; got "{name}".')
-        plan = StudyPlan(
-            case, out, methods, range(1, patterns + 1), repetitions, budget, read_settings(settings), _cores()
-        )
+        plan = StudyPlan(case, out, methods, patterns, repetitions, budget, read_settings(settings), _cores())
         run_study(plan, lambda name: TerminalProgress())
         return write_report(out)
 
