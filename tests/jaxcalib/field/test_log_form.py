@@ -232,3 +232,14 @@ def test_the_section_stands_in_case_toml(straight_drive: Tables, tmp_path: Path)
     assert case.log_form.subject["speed_kmh"].factor == pytest.approx(3.6)
     assert case.log_form.objects["speed_kmh"].factor == pytest.approx(1.609344)
     assert case.drives[0].time_zero == 5.5
+
+
+def test_all_faults_of_a_mapping_are_told_with_the_users_file(tmp_path: Path):
+    file = tmp_path / "columns.toml"
+    file.write_text('[log]\nfirst_lane = 7\nlanes_from = "up"\n')
+    with pytest.raises(CaseError) as error:
+        read_log_section(file)
+    assert [str(fault) for fault in (error.value, *error.value.others)] == [
+        "columns.toml: log.first_lane: expected 0 or 1, got 7.",
+        'columns.toml: log.lanes_from: expected "right" or "left", got "up".',
+    ]
