@@ -136,19 +136,21 @@ def influence(
 
 
 @app.command
-def figures(out: Path, /, *, record: Annotated[bool, Parameter(negative="")] = False) -> int:
+def figures(out: Path, /, *others: Path, record: Annotated[bool, Parameter(negative="")] = False) -> int:
     """Draw tables and figures anew from the data of a study.
 
     Parameters
     ----------
     out
         Folder of a study.
+    others
+        Folders with further patterns of it, made beside it.
     record
         Keep the tables in experiments/results.
     """
     from experiments.paper.report import write_report
 
-    return _guarded(lambda: write_report(out, record))
+    return _guarded(lambda: write_report(out, others, record))
 
 
 def _study(

@@ -7,12 +7,13 @@ import numpy as np
 import pandas as pd
 
 from experiments.paper.methods import IMPROVED, LABELS, NO_CALIBRATION, PRINTED, STATE_OF_THE_ART
+from experiments.paper.patterns import DEMANDS
 from experiments.paper.similarity import chance_at_least, chance_similarity, pair_shares
 from experiments.paper.trial import Trial
-from jaxcalib.calibration.objective.accuracy import MOES, VEHICLE_LEVEL_SUM
+from jaxcalib.calibration.objective.accuracy import MOES, VEHICLE_LEVEL, VEHICLE_LEVEL_SUM
 from jaxcalib.statistics.bootstrap import percentile_interval
 
-FEWEST_PAIRS = 3  # for an interval
+FEWEST_DRAWN = 3  # for an interval
 NUM_DRAWS = 2000
 OURS = (PRINTED, IMPROVED)
 Pair = tuple[Trial, Trial]
@@ -136,7 +137,8 @@ PAPER_FIGURES = (
 def comparison_table(trials: Sequence[Trial]) -> pd.DataFrame:
     """Return a row for each number of the paper: as printed, ours with 90 % interval, chance, and why they differ.
 
-    Intervals draw pairs of trials again, of the same pattern and repetition; there are none for fewer than 3 pairs.
+    Intervals draw patterns again, each with all its repetitions, for these share a field; of fewer than 3 patterns
+    they draw repetitions, and say nothing of other fields. There are none for fewer than 3 of these either.
     """
     rows = []
     for figure in PAPER_FIGURES:
@@ -178,6 +180,22 @@ def summary_table(trials: Sequence[Trial]) -> pd.DataFrame:
     return pd.DataFrame(table | {"noise floor": [_rounded(floor.get(row)) for row in rows]})
 
 
+def by_pattern_table(trials: Sequence[Trial]) -> pd.DataFrame:
+    """Return a row for each pattern: the vehicle-level error of every method, the mean over its repetitions.
+
+    Beside them stands what chance makes of it with the values of the best method.
+    """
+    rows = []
+    for pattern in sorted({trial.pattern for trial in trials}):
+        here = [trial for trial in trials if trial.pattern == pattern]
+        row: dict[str, object] = {"pattern": f"{pattern} {DEMANDS[pattern - 1].name}"}
+        for method in dict.fromkeys(trial.method for trial in trials):
+            known = [trial.vehicle_level for trial in here if trial.method == method]
+            row[LABELS.get(method, method.replace("_", " "))] = _rounded(float(np.mean(known))) if known else None
+        rows.append(row | {"noise floor": _rounded(noise_floor_of(here)[VEHICLE_LEVEL_SUM])})
+    return pd.DataFrame(rows)
+
+
 def noise_floor_of(trials: Sequence[Trial]) -> dict[str, float | None]:
     """Return the mean noise floor of the best method that there is."""
     methods = {trial.method for trial in trials}
@@ -187,15 +205,24 @@ def noise_floor_of(trials: Sequence[Trial]) -> dict[str, float | None]:
         known = [trial.floor.get(name) for trial in trials if trial.method == best]
         known = [value for value in known if value is not None]
         floors[name] = float(np.mean(known)) if known else None
+    terms = [floor for name in VEHICLE_LEVEL if (floor := floors[name]) is not None]
+    floors[VEHICLE_LEVEL_SUM] = float(sum(terms)) if terms else None  # a mean of sums is the sum of means
     return floors
 
 
 def _interval(ours: Callable[[Sequence[Pair]], float | None], pairs: list[Pair]) -> tuple[float | None, float | None]:
-    if len(pairs) < FEWEST_PAIRS:
+    by_pattern: dict[int, list[Pair]] = {}
+    for pair in pairs:
+        by_pattern.setdefault(pair[0].pattern, []).append(pair)
+    groups = list(by_pattern.values())
+    if len(groups) < FEWEST_DRAWN:
+        groups = [[pair] for pair in pairs]
+    if len(groups) < FEWEST_DRAWN:
         return None, None
     interval = percentile_interval(
-        lambda drawn: ours([pairs[i] for i in drawn]), len(pairs), np.random.default_rng(0), NUM_DRAWS, (0.05, 0.95)
-    )
+        lambda drawn: ours([pair for i in drawn for pair in groups[i]]),
+        len(groups), np.random.default_rng(0), NUM_DRAWS, (0.05, 0.95),
+    )  # fmt: skip
     return interval or (None, None)
 
 

@@ -9,7 +9,7 @@ from experiments.paper.comparison import chance_of, critical_sets, mean_errors, 
 from experiments.paper.methods import IMPROVED, LABELS, NO_CALIBRATION, PRINTED, STATE_OF_THE_ART
 from experiments.paper.similarity import similarity_matrix
 from experiments.paper.trial import Trial
-from jaxcalib.calibration.objective.accuracy import MOES, TRAFFIC_LEVEL, VEHICLE_LEVEL
+from jaxcalib.calibration.objective.accuracy import MOES, TRAFFIC_LEVEL, VEHICLE_LEVEL, VEHICLE_LEVEL_SUM
 from jaxcalib.html.drawing import AFTER, BEFORE, NOISE, svg, svg_grid
 
 COLORS = {NO_CALIBRATION: "#9a9a9a", STATE_OF_THE_ART: BEFORE, PRINTED: "#8fb8de", IMPROVED: AFTER}
@@ -74,7 +74,9 @@ def _vehicle_level(trials: Sequence[Trial]) -> str:
 
     def draw(axes: Axes) -> None:
         _dots(axes, trials, methods, lambda trial: 100.0 * trial.vehicle_level)
-        axes.set_ylabel("sum of the vehicle-level errors (Eq. 23) [%]")
+        axes.axhspan(0.0, 100.0 * (noise_floor_of(trials)[VEHICLE_LEVEL_SUM] or 0.0), color=NOISE, alpha=0.6, lw=0,
+                     zorder=0)  # fmt: skip
+        axes.set_ylabel("sum of the vehicle-level errors (Eq. 23) [%]\ngrey: noise floor")
 
     return svg(draw, 1.1 * len(methods) + 1.0, 3.2)
 

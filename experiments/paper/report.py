@@ -1,31 +1,40 @@
 """Tables and figures of a study, drawn from its data alone."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 
-def write_report(out: Path, is_recorded: bool = False) -> str:
+def write_report(out: Path, others: Sequence[Path] = (), is_recorded: bool = False) -> str:
     """Write the comparison with the paper and the figures of a study; return what a person wants to read first.
 
-    Where it is recorded, both tables go to experiments/results, too.
+    Trials of other folders of the same study count, too. Where it is recorded, the tables go to experiments/results.
 
     Raises:
-        CaseError: there is no study.
+        CaseError: there is no study, or another folder is of another one.
     """
-    from experiments.paper.comparison import comparison_table, summary_table
+    from experiments.paper.comparison import by_pattern_table, comparison_table, summary_table
     from experiments.paper.figures import all_figures
-    from experiments.paper.study import read_study
+    from experiments.paper.recovery import read_truth, recovery_table
+    from experiments.paper.study import CASES, read_parts
     from sim_adapters.atomic_file import write_atomically
 
-    about, trials = read_study(out)
-    comparison, summary = comparison_table(trials), summary_table(trials)
-    for name, table in (("comparison", comparison), ("summary", summary)):
+    about, trials = read_parts((out, *others))
+    tables = {
+        "summary": ("Errors of all methods", summary_table(trials)),
+        "by_pattern": ("Vehicle-level error by pattern", by_pattern_table(trials)),
+        "comparison": ("The paper's numbers beside ours", comparison_table(trials)),
+    }
+    truth = read_truth([folder / CASES for folder in (out, *others)])
+    if truth is not None:
+        tables["recovery"] = ("Off by from what simulated patterns were made with, %", recovery_table(trials, truth))
+    for name, (_, table) in tables.items():
         write_atomically(out / f"{name}.csv", lambda file, table=table: table.to_csv(file, index=False))
     if is_recorded:
-        _record(about, {"Errors of all methods": summary, "The paper's numbers beside ours": comparison})
+        _record(about, dict(tables.values()))
     for name, text in all_figures(trials).items():
         write_atomically(out / f"{name}.svg", lambda file, text=text: file.write(text.encode()))
-    return f"{summary.to_string(index=False)}\n\n{comparison.to_string(index=False)}\n\nfigures: {out}"
+    return "\n\n".join([*(table.to_string(index=False) for _, table in tables.values()), f"figures: {out}"])
 
 
 def _record(about: dict[str, Any], tables: dict[str, Any]) -> None:

@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import jax
 import msgspec
@@ -23,7 +24,7 @@ from jaxcalib.runs.provenance import commit, versions
 from jaxcalib.runs.run_folder import identify, open_run_folder
 from sim_adapters.atomic_file import write_atomically
 
-STUDY_FILE, TABLE = "study.json", "trials"
+STUDY_FILE, TABLE, CASES = "study.json", "trials", "cases"
 FIRST_SEED = 1  # a calibration's seed; each trial of a pattern and repetition has one, the same for all methods
 SEEDS_PER_PATTERN = 100
 
@@ -72,7 +73,7 @@ def run_study(
         trials, failed = known_trials(plan.out / "trials"), []
         for repetition in range(plan.repetitions):  # whole rounds first: what there is can be looked at meanwhile
             for pattern in plan.patterns:
-                case = prepare_pattern(problem, pattern, plan.out / "cases")
+                case = prepare_pattern(problem, pattern, plan.out / CASES)
                 for method in plan.methods:
                     name = f"pattern-{pattern}/repetition-{repetition}/{method}"
                     folder = plan.out / "trials" / name
@@ -129,7 +130,7 @@ def write_data(plan: StudyPlan, trials: list[Trial], failed: Sequence[str] = ())
     write_atomically(plan.out / STUDY_FILE, lambda file: file.write(text))
 
 
-def read_study(out: Path) -> tuple[dict, list[Trial]]:
+def read_study(out: Path) -> tuple[dict[str, Any], list[Trial]]:
     """Return what a study has written: how it was made, and its trials.
 
     Raises:
@@ -143,4 +144,29 @@ def read_study(out: Path) -> tuple[dict, list[Trial]]:
         raise CaseError(
             file, "", "expected the data of a study; make it with python -m experiments.paper CASE."
         ) from None
+    return about, trials
+
+
+def read_parts(folders: Sequence[Path]) -> tuple[dict[str, Any], list[Trial]]:
+    """Return a study that was made in several folders, each with some of its patterns, as `read_study` does.
+
+    Raises:
+        CaseError: a folder has no study, or one of another case, budget, settings or program.
+    """
+    parts = [read_study(folder) for folder in folders]
+    if len(parts) == 1:
+        return parts[0]
+    about = parts[0][0]
+    for folder, (other, _) in zip(folders[1:], parts[1:], strict=True):
+        for what in ("case", "budget", "settings", "versions", "commit"):
+            if other.get(what) != about.get(what):
+                raise CaseError(folder / STUDY_FILE, what, f"expected the same as in {folders[0]}.")
+    trials = in_order({(one.pattern, one.repetition, one.method): one for _, kept in parts for one in kept})
+    patterns = {one["pattern"]: one for other, _ in parts for one in other["patterns"]}
+    about |= {
+        "methods": list(dict.fromkeys(one.method for one in trials)),
+        "patterns": [patterns[number] for number in sorted(patterns)],
+        "repetitions": max((one.repetition for one in trials), default=-1) + 1,
+        "failed": sorted({name for other, _ in parts for name in other["failed"]}),
+    }
     return about, trials

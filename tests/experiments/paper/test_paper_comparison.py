@@ -2,16 +2,17 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import numpy as np
 import pandas as pd
 import pytest
 
-from experiments.paper.comparison import PAPER_FIGURES, comparison_table, summary_table
+from experiments.paper.comparison import PAPER_FIGURES, by_pattern_table, comparison_table, summary_table
 from experiments.paper.figures import all_figures
 from experiments.paper.report import write_report
-from experiments.paper.study import STUDY_FILE, read_study
+from experiments.paper.study import STUDY_FILE, read_parts, read_study
 from experiments.paper.trial import TRIAL_FILE, Trial, read_trial, table_of, trial_json
 from jaxcalib.calibration.objective.accuracy import MOES, VEHICLE_LEVEL
 from jaxcalib.errors import CaseError
@@ -86,6 +87,58 @@ def test_interval_contains_the_value_and_needs_three_pairs():
     assert low < value(table, "(Eq. 23), change against no", "improved") < high
 
 
+def test_the_interval_is_that_of_patterns_for_repetitions_share_a_field():
+    """Three patterns: the mean is off by chance as three are, however often each is repeated."""
+    once = [trial(method, pattern) for pattern in CRITICAL for method in LEVEL]
+    level = {1: 0.1, 2: 0.4, 3: 0.9}
+    once = [
+        msgspec.structs.replace(one, vehicle_level=level[one.pattern]) if one.method == "improved" else one
+        for one in once
+    ]
+    often = [msgspec.structs.replace(one, repetition=number) for number in range(5) for one in once]
+    columns = [f"improved{side}" for side in ("", "_low", "_high")]
+    rows = [
+        [value(comparison_table(made), "(Eq. 23), change against no", name) for name in columns]
+        for made in (once, often)
+    ]
+    assert rows[0] == rows[1]
+    # 1 of 27 draws has pattern 1 three times, 3 more have it twice and pattern 2; so it is at the other end
+    low, high = (0.1 + 0.1 + 0.4) / 3.0, (0.9 + 0.9 + 0.4) / 3.0
+    assert rows[0][1:] == pytest.approx([100.0 * (level - 1.6) / 1.6 for level in (low, high)], abs=0.01)
+
+
+def test_each_pattern_has_its_row_beside_chance(trials: list[Trial]):
+    more = [*trials, msgspec.structs.replace(trial("improved", 2, 1), vehicle_level=1.0)]
+    table = by_pattern_table(more).set_index("pattern")
+    assert table.index.tolist() == ["1 own field", "2 light", "3 heavy"]
+    assert table.loc["2 light", "method as improved"] == pytest.approx((0.4 + 1.0) / 2.0)
+    assert table.loc["3 heavy", "no calibration"] == pytest.approx(1.6)
+    assert table.loc["3 heavy", "noise floor"] == pytest.approx(len(VEHICLE_LEVEL) * 0.05)
+
+
+def test_parts_of_a_study_are_one(trials: list[Trial], tmp_path: Path):
+    about: dict[str, Any] = {
+        "case": "road", "budget": 1.0, "settings": {}, "versions": {}, "commit": "1", "failed": [], "methods": [],
+        "repetitions": 1,
+    }  # fmt: skip
+    for name, numbers in (("one", (1, 3)), ("other", (2,))):
+        (tmp_path / name).mkdir()
+        patterns = [{"pattern": number} for number in numbers]
+        kept = msgspec.to_builtins([one for one in trials if one.pattern in numbers])
+        text = msgspec.json.encode(about | {"patterns": patterns, "trials": kept, "failed": [f"of {name}"]})
+        (tmp_path / name / STUDY_FILE).write_bytes(text)
+    folders = (tmp_path / "one", tmp_path / "other")
+    joined, all_trials = read_parts(folders)
+    assert sorted(all_trials, key=repr) == sorted(trials, key=repr)
+    assert [one["pattern"] for one in joined["patterns"]] == [1, 2, 3]
+    assert (set(joined["methods"]), joined["failed"]) == (set(LEVEL), ["of one", "of other"])
+    assert write_report(folders[0], folders[1:]).count("3 heavy") == 1
+    changed = json.loads((folders[1] / STUDY_FILE).read_text()) | {"budget": 0.5}
+    (folders[1] / STUDY_FILE).write_text(json.dumps(changed))
+    with pytest.raises(CaseError, match="budget"):
+        read_parts(folders)
+
+
 def test_a_missing_method_leaves_its_numbers_out(trials: list[Trial]):
     some = [one for one in trials if one.method in ("no_calibration", "improved")]
     table = comparison_table(some)
@@ -133,13 +186,15 @@ def test_no_study_is_one_line(tmp_path: Path):
 def test_a_study_is_recorded_with_what_it_is_of(trials: list[Trial], tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     kept = {}
     monkeypatch.setattr("experiments.results.record.record", lambda *each: kept.update({each[1]: each}))
-    about = {"case": "road", "patterns": [1, 2, 3], "repetitions": 1, "methods": list(LEVEL), "budget": 0.5,
-             "failed": ["a drive"], "trials": msgspec.to_builtins(trials)}  # fmt: skip
+    about = {"case": "road", "patterns": [{"pattern": n} for n in CRITICAL], "repetitions": 1, "methods": list(LEVEL),
+             "budget": 0.5, "failed": ["a drive"], "trials": msgspec.to_builtins(trials)}  # fmt: skip
     (tmp_path / STUDY_FILE).write_bytes(msgspec.json.encode(about))
     write_report(tmp_path)
     assert not kept
     write_report(tmp_path, is_recorded=True)
-    assert list(kept) == ["road: Errors of all methods", "road: The paper's numbers beside ours"]
+    assert [name.removeprefix("road: ") for name in kept] == [
+        "Errors of all methods", "Vehicle-level error by pattern", "The paper's numbers beside ours",
+    ]  # fmt: skip
     study, _, rows, title, (note,) = kept["road: Errors of all methods"]
     assert (study, title) == ("paper", "Errors of all methods on `road`")
     assert note.startswith("3 traffic patterns, 1 repetitions, no_calibration,")
