@@ -24,7 +24,7 @@ from jaxcalib.runs.provenance import commit, versions
 from jaxcalib.runs.run_folder import identify, open_run_folder
 from sim_adapters.atomic_file import write_atomically
 
-STUDY_FILE, TABLE, CASES = "study.json", "trials", "cases"
+STUDY_FILE, TABLE, CASES, TRIALS = "study.json", "trials", "cases", "trials"
 FIRST_SEED = 1  # a calibration's seed; each trial of a pattern and repetition has one, the same for all methods
 SEEDS_PER_PATTERN = 100
 
@@ -70,13 +70,13 @@ def run_study(
     }
     identity = identify(problem.case, options, (Path(__file__).parent,))
     with open_run_folder(plan.out, identity, resume=True):
-        trials, failed = known_trials(plan.out / "trials"), []
+        trials, failed = known_trials(plan.out / TRIALS), []
         for repetition in range(plan.repetitions):  # whole rounds first: what there is can be looked at meanwhile
             for pattern in plan.patterns:
                 case = prepare_pattern(problem, pattern, plan.out / CASES)
                 for method in plan.methods:
-                    name = f"pattern-{pattern}/repetition-{repetition}/{method}"
-                    folder = plan.out / "trials" / name
+                    folder = trial_folder(plan.out, pattern, repetition, method)
+                    name = folder.relative_to(plan.out / TRIALS).as_posix()
                     folder.mkdir(parents=True, exist_ok=True)
                     began = time.perf_counter()
                     try:
@@ -95,6 +95,11 @@ def run_study(
                     write_data(plan, in_order(trials), failed)
                     say(f"{name}: vehicle-level error {trial.vehicle_level:.3f}, {time.perf_counter() - began:.0f} s")
     return in_order(trials)
+
+
+def trial_folder(out: Path, pattern: int, repetition: int, method: str) -> Path:
+    """Return the folder of a trial in that of its study."""
+    return out / TRIALS / f"pattern-{pattern}" / f"repetition-{repetition}" / method
 
 
 def known_trials(folder: Path) -> dict[TrialKey, Trial]:
