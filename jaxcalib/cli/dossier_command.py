@@ -30,5 +30,6 @@ def _summary(dossier: Dossier, folder: Path) -> str:
     lines = [""]
     for section in dossier.sections:
         missing = f"{len(section.missing)} missing" if section.missing else "nothing missing"
-        lines.append(f"  {section.heading}: {missing}")
+        against = f", {len(section.failures)} against it" if section.failures else ""
+        lines.append(f"  {section.heading}: {missing}{against}")
     return "\n".join([*lines, "", f"document: {folder / 'dossier.html'}"])

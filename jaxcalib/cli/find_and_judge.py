@@ -107,6 +107,7 @@ def validate(
     drives: Literal["held_out", "fit"] | None = None,
     counts: Path | None = None,
     margins: Path | None = None,
+    half_step: Annotated[bool, Parameter(negative="")] = False,
     resume: Annotated[bool, Parameter(negative="")] = False,
     cluster: Cluster = None,
     profile: Profile = False,
@@ -128,13 +129,15 @@ def validate(
         Table of counted vehicles (docs/validate.md); GEH and FHWA 2019 need one.
     margins
         TOML file with margins within which quantities count as the same (docs/validate.md).
+    half_step
+        Run the rounds with half the scenario's step, too: what is the error of the step?
     resume
         Go on with a validation that was stopped.
     """
     from jaxcalib.cli.validate_command import ValidateOptions, run_validation
 
     return run_validation(
-        ValidateOptions(case, run, out, seeds, drives, counts, margins, resume, cluster, profile, quiet)
+        ValidateOptions(case, run, out, seeds, drives, counts, margins, half_step, resume, cluster, profile, quiet)
     )
 
 

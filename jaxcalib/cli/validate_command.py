@@ -25,6 +25,7 @@ class ValidateOptions:
     drives: Literal["held_out", "fit"] | None
     counts: Path | None
     margins: Path | None
+    half_step: bool
     resume: bool
     cluster: str | None
     profile: bool
@@ -39,8 +40,8 @@ def run_validation(options: ValidateOptions) -> int:
         with profiled(options.profile), Silent() if options.quiet else TerminalProgress() as progress:
             result = validate(
                 options.case, options.run, options.out, seeds=options.seeds, drives=options.drives,
-                counts=options.counts, margins=options.margins, resume=options.resume, cluster=options.cluster,
-                progress=progress,
+                counts=options.counts, margins=options.margins, half_step=options.half_step, resume=options.resume,
+                cluster=options.cluster, progress=progress,
             )  # fmt: skip
             print_profile()
         return "" if options.quiet else _summary(result, folder)
@@ -58,6 +59,9 @@ def _summary(result: ValidationResult, folder: Path) -> str:
         lines.append(f"  {'pass' if one.passes else 'FAIL'}  {one.name}: {one.value:.4g} ({bound}; {one.standard})")
     said = Counter(one["verdict"] for one in result.equivalence.values())
     lines += ["", "within the margins: " + ", ".join(f"{number} {words}" for words, number in said.most_common())]
+    if result.step_error is not None:
+        said = Counter(one["verdict"] for one in result.step_error["quantities"].values())
+        lines.append("with half the step: " + ", ".join(f"{number} {words}" for words, number in said.most_common()))
     verdict = "valid" if result.is_valid else "not valid"
     lines += ["", f"{verdict}, by {result.num_rounds} rounds of {len(result.drives)} {result.role} drives"]
     lines += [*(f"warning: {line}" for line in result.warnings), f"report: {folder / 'validation.html'}"]

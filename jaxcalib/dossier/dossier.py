@@ -10,16 +10,19 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from jaxcalib.dossier.calibration import calibration
 from jaxcalib.dossier.evidence import FORMAT, gather_evidence
-from jaxcalib.dossier.findings import calibration, gap, validation
+from jaxcalib.dossier.gap import gap
 from jaxcalib.dossier.section import Section
 from jaxcalib.dossier.trust import numerical_error, provenance
 from jaxcalib.dossier.use_and_data import data, model_and_limits, purpose_and_scope
+from jaxcalib.dossier.validation import validation
 from jaxcalib.html.page import render_page
 from jaxcalib.runs.disk import check_out, check_outside, writing_to
 from sim_adapters.atomic_file import write_atomically
 
 FOLDER = "dossier"
+LARGEST_WHOLE = 1e9  # counts are told in full
 HEADINGS = (
     purpose_and_scope, data, model_and_limits, calibration, validation, gap, numerical_error, provenance,
 )  # fmt: skip
@@ -36,6 +39,11 @@ class Dossier:
     def num_missing(self) -> int:
         """How many things are missing."""
         return sum(len(section.missing) for section in self.sections)
+
+    @property
+    def num_failures(self) -> int:
+        """How many things speak against the simulation."""
+        return sum(len(section.failures) for section in self.sections)
 
     def to_json(self) -> str:
         """The dossier as JSON."""
@@ -84,4 +92,6 @@ def write_dossier(
 def _number(value: str | float | None) -> str:
     if value is None:
         return "-"
-    return value if isinstance(value, str) else f"{value:.4g}"
+    if isinstance(value, str):
+        return value
+    return f"{value:.0f}" if float(value).is_integer() and abs(value) < LARGEST_WHOLE else f"{value:.4g}"

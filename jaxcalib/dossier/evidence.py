@@ -3,18 +3,24 @@
 import hashlib
 import json
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from jaxcalib.errors import CaseError, quote
 from jaxcalib.problem.problem import CalibrationProblem, read_problem
-from jaxcalib.validation.calibrated_run import read_calibrated_run
+from jaxcalib.runs.run_folder import IDENTITY_FILE, files_elsewhere, read_identity
+from jaxcalib.validation.calibrated_run import SAME, CalibratedRun, read_calibrated_run
 
 FORMAT = 1
 RESULT, VALIDATION, DIAGNOSIS = "result.json", "validation.json", "diagnosis.json"
-STATED = ("purpose", "scope", "operational_design_domain", "criticality", "responsible", "review")  # by people
+SCENARIO = "scenario"  # folder in RUN with the calibrated files
+STATED = (  # by people
+    "purpose", "scope", "operational_design_domain", "criticality", "accuracy_requirement", "responsible", "review",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -24,10 +30,12 @@ class Evidence:
     problem: CalibrationProblem
     result: Mapping[str, Any]  # of the calibration
     changes: tuple[str, ...]  # how case and program have changed since
+    identity: Mapping[str, Any]  # what RUN was begun with; empty where that cannot be read
     validation: Mapping[str, Any] | None
     diagnosis: Mapping[str, Any] | None
     stated: Mapping[str, str]  # what people say of the use, by key of STATED
-    files: Mapping[str, str]  # SHA-256 of each file that is quoted
+    unknown: tuple[str, ...]  # what does not say of which case it is, one line each
+    files: Mapping[str, str]  # SHA-256 of each file of the case, of RUN and of what is quoted, by its path
 
 
 def gather_evidence(
@@ -47,28 +55,95 @@ def gather_evidence(
     """
     problem = read_problem(case)
     calibrated = read_calibrated_run(run, problem)
-    files = [case / "case.toml", run / RESULT]
-    read: list[Mapping[str, Any] | None] = []
-    for given, folder, name in ((validation, "validation", VALIDATION), (diagnosis, "diagnosis", DIAGNOSIS)):
-        file = (given or run / folder) / name
-        if given is None and not file.is_file():
-            read.append(None)
-            continue
-        read.append(_read_json(file))
-        files.append(file)
-    if statement is not None:
-        files.append(statement)
-    drives = problem.case.drives
-    files += [file for drive in drives for file in (drive.subject_file, drive.objects_file)]
+    validated = _given(validation, run / "validation", VALIDATION)
+    diagnosed = _given(diagnosis, run / "diagnosis", DIAGNOSIS)
+    found_validation = None if validated is None else _read_json(validated)
+    found_diagnosis = None if diagnosed is None else _read_json(diagnosed)
+    identity = _identity_of(run)
+    unknown = []
+    if validated is not None and found_validation is not None:
+        _check_validation(validated, found_validation, problem, calibrated)
+    if diagnosed is not None:
+        unknown += _check_diagnosis(diagnosed, identity)
+    quoted = [file for file in (validated, diagnosed, statement) if file is not None]
     return Evidence(
         problem=problem,
         result=_read_json(run / RESULT),
         changes=calibrated.warnings,
-        validation=read[0],
-        diagnosis=read[1],
+        identity=identity,
+        validation=found_validation,
+        diagnosis=found_diagnosis,
         stated={} if statement is None else _read_statement(statement),
-        files={file.name: _hash(file) for file in files},
+        unknown=tuple(unknown),
+        files=_hashes(problem, run, quoted),
     )
+
+
+def _given(named: Path | None, usual: Path, name: str) -> Path | None:
+    """Return the file to read: that of a folder that was named, or one that may be there."""
+    file = (named or usual) / name
+    return file if named is not None or file.is_file() else None
+
+
+def _identity_of(folder: Path) -> Mapping[str, Any]:
+    try:
+        return read_identity(folder / IDENTITY_FILE)
+    except CaseError:
+        return {}
+
+
+def _check_validation(
+    file: Path, found: Mapping[str, Any], problem: CalibrationProblem, calibrated: CalibratedRun
+) -> None:
+    """Refuse a validation of another case or of other values: it says nothing of these.
+
+    Raises:
+        CaseError: it is.
+    """
+    if found.get("case") != problem.case.name:
+        expected = f"expected a validation of {quote(problem.case.name)}, got one of {quote(found.get('case'))}."
+        raise CaseError(file, "case", expected)
+    values = found.get("parameters")
+    values = values if isinstance(values, dict) else {}
+    names = problem.layout.names
+    if set(values) != set(names) or not np.allclose(
+        np.asarray([values[name] for name in names], float), calibrated.values, rtol=SAME, atol=SAME
+    ):
+        raise CaseError(file, "parameters", "expected the values of RUN/result.json; this validates others.")
+
+
+def _check_diagnosis(file: Path, identity: Mapping[str, Any]) -> list[str]:
+    """Refuse a diagnosis of another case; return what is not known, one line each.
+
+    Raises:
+        CaseError: it is.
+    """
+    theirs, ours = str(_identity_of(file.parent).get("case", "")), str(identity.get("case", ""))
+    if not theirs or not ours:
+        return [f"Whether the diagnosis is of this case: {IDENTITY_FILE} beside it or in RUN cannot be read."]
+    (name, _, _), (own, _, _) = theirs.rpartition(" "), ours.rpartition(" ")
+    if name != own:
+        raise CaseError(file, "", f"expected a diagnosis of {quote(own)}, got one of {quote(name)}.")
+    return [] if theirs == ours else ["The diagnosis saw other files of the case than the calibration."]
+
+
+def _hashes(problem: CalibrationProblem, run: Path, quoted: Sequence[Path]) -> Mapping[str, str]:
+    """Return hashes by path: of all that the case consists of, of what RUN holds, and of what is quoted."""
+    case = problem.case.folder
+    own = [file for file in case.rglob("*") if file.is_file() and not any(p.startswith(".") for p in file.parts)]
+    handed_over = [file for file in (run / SCENARIO).rglob("*") if file.is_file()]
+    made = [file for file in (run / RESULT, run / IDENTITY_FILE) if file.is_file()]
+    named = {_told(file, case, run): file for file in [*own, *files_elsewhere(problem.case), *made, *handed_over]}
+    named |= {_told(file, case, run): file for file in quoted}
+    return {name: _hash(named[name]) for name in sorted(named)}
+
+
+def _told(file: Path, case: Path, run: Path) -> str:
+    """Return where a file lies, from CASE or RUN where it is in one of them."""
+    for name, folder in (("RUN", run.resolve()), ("CASE", case.resolve())):
+        if file.resolve().is_relative_to(folder):
+            return f"{name}/{file.resolve().relative_to(folder).as_posix()}"
+    return str(file)
 
 
 def _read_json(file: Path) -> Mapping[str, Any]:

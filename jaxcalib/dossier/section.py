@@ -1,7 +1,13 @@
-"""What a dossier is made of: sections with statements, tables, and what is missing."""
+"""What a dossier is made of: sections of statements and tables, of what speaks against it, and of what is missing."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any
+
+from jaxcalib.calibration.result.result import rounded
+from jaxcalib.html.page import percent
+
+Cell = str | float | None
 
 
 @dataclass(frozen=True)
@@ -18,7 +24,7 @@ class Table:
 
     title: str
     columns: Sequence[str]
-    rows: Sequence[Sequence[str | float | None]]
+    rows: Sequence[Sequence[Cell]]
     source: str  # file, and its key
 
 
@@ -30,19 +36,38 @@ class Section:
     framework: str  # what EU 2022/1426 and UNECE's NATM call it
     statements: list[Statement] = field(default_factory=list)
     tables: list[Table] = field(default_factory=list)
+    failures: list[str] = field(default_factory=list)  # one line for each thing that speaks against the simulation
     missing: list[str] = field(default_factory=list)  # one line for each thing that an assessor will ask for
 
     def say(self, text: str, source: str) -> None:
         """Add a sentence."""
         self.statements.append(Statement(text, source))
 
-    def show(
-        self, title: str, columns: Sequence[str], rows: Sequence[Sequence[str | float | None]], source: str
-    ) -> None:
-        """Add a table, unless it is empty."""
+    def show(self, title: str, columns: Sequence[str], rows: Sequence[Sequence[Cell]], source: str) -> None:
+        """Add a table, unless it is empty; numbers with as many digits as mean anything."""
         if rows:
-            self.tables.append(Table(title, columns, rows, source))
+            shown = [tuple(rounded(cell) if isinstance(cell, float) else cell for cell in row) for row in rows]
+            self.tables.append(Table(title, columns, shown, source))
+
+    def fail(self, line: str) -> None:
+        """Name what speaks against the simulation."""
+        self.failures.append(line)
 
     def lack(self, line: str) -> None:
         """Name what is missing."""
         self.missing.append(line)
+
+
+def words_of(name: str) -> str:
+    """Return a name as words."""
+    return name.replace("_", " ")
+
+
+def between(bounds: Sequence[float] | None) -> str:
+    """Return an interval of shares."""
+    return "-" if bounds is None else f"{percent(bounds[0])} to {percent(bounds[1])}"
+
+
+def number_range(bounds: Any) -> str:
+    """Return an interval of numbers; one that has an end alone is none."""
+    return "-" if not bounds or None in bounds else f"{bounds[0]:.3g} to {bounds[1]:.3g}"

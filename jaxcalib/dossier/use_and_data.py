@@ -1,10 +1,16 @@
 """What the simulation is for, what it was made from, and what it takes for granted."""
 
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
 
 from jaxcalib.dossier.evidence import Evidence
 from jaxcalib.dossier.section import Section
+from surrogate.lane_change.registry import LC2013
+from surrogate.subject.registry import DESCRIPTIONS
 
+# Whoever does not say them is asked under this heading; `accuracy_requirement` under that of the validation.
 ASKED_OF_PEOPLE = {
     "purpose": "Which decision will rest on this simulation?",
     "scope": "Which tests and which quantities is it to be used for?",
@@ -20,7 +26,6 @@ ASSUMPTIONS = (
     "Drivers of one vType differ in desired speed alone, unless the scenario says otherwise.",
     "Drivers, demand and road are those of the recorded hours; other hours and roads are extrapolation.",
     "What lies beyond the range of the sensors was not observed; there the simulation rests on the scenario.",
-    "Calibration searches in a surrogate and confirms in SUMO; all that is told of the result is SUMO's.",
 )
 
 
@@ -87,8 +92,16 @@ def model_and_limits(evidence: Evidence) -> Section:
         f"{len(parts.inputs)} inflows.",
         "scenario/: network and routes",
     )
+    vtypes, subject = problem.scenario.demand.vtypes, parts.subject
+    models = sorted({vtypes[name].get("laneChangeModel", LC2013.name) for name in behaviour.vtypes})
+    section.say(
+        f"Lane changes by SUMO's {', '.join(models)}; {subject.vehicle}, the subject vehicle, is driven by "
+        f"{DESCRIPTIONS[subject.model.name]}.",
+        "scenario/, case.toml: subject",
+    )
     for line in ASSUMPTIONS:
-        section.say(f"Assumed: {line}", "docs/surrogate.md, docs/method.md")
+        section.say(f"Assumed: {line}", "docs/dossier.md")
+    _simulators(section, evidence.result["confirmation"])
     for entry in evidence.result.get("scenario") or []:
         section.say(
             f"Limit of the surrogate: {entry.get('words', '')} ({entry.get('level', '')})", "result.json: scenario"
@@ -97,3 +110,17 @@ def model_and_limits(evidence: Evidence) -> Section:
     for line in warnings:
         section.say(f"Warning: {line}", "result.json: warnings")
     return section
+
+
+def _simulators(section: Section, confirmation: Mapping[str, Any]) -> None:
+    """In which simulator values were searched, and whether both see the traffic alike."""
+    searched = "the surrogate, and on in SUMO" if confirmation.get("searched_in_sumo") else "the surrogate"
+    section.say(
+        f"Values were searched in {searched}; errors, measures and health of the result are SUMO's.",
+        "result.json: confirmation",
+    )
+    for one in confirmation.get("agreement") or ():
+        alike = f"in {one['share_alike']:.0%} of the sections surrogate and SUMO drive alike"
+        section.say(f"{one['where'].capitalize()}: {alike}.", "result.json: confirmation.agreement")
+        if not one["holds"]:
+            section.lack(f"{one['where'].capitalize()}, sensitivities and intervals in SUMO: only {alike}.")

@@ -1,5 +1,7 @@
 """Both simulators of a problem, ready to run."""
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -87,6 +89,7 @@ def sumo_engine(
     fold: FrameFold | None = None,
     counter: VehicleCounter | None = None,
     workers: SumoWorkers | None = None,
+    step_s: float | None = None,
 ) -> SumoSimulator:
     """Return SUMO for a problem; close it after use.
 
@@ -96,12 +99,15 @@ def sumo_engine(
         fold: turns the frames of a drive into numbers; the problem's unless given.
         counter: counts vehicles instead, up to the end of the scenario.
         workers: who makes the runs, and outlives this; processes of its own unless given.
+        step_s: length of a step, of which frames are a whole number; the scenario's unless given. A subject vehicle
+            that replays its log has places for the scenario's alone.
     """
-    perception, clock = problem.case.perception, _clock(problem)
+    perception, clock = problem.case.perception, _clock(problem, step_s=step_s)
     plan = RunPlan(clock, 0, round(problem.frame_interval_s / clock.step_s))
+    configuration = dataclasses.replace(problem.scenario.configuration, step_s=clock.step_s)
     with writing_to_scratch():
         return SumoSimulator(
-            scenario=problem.scenario,
+            scenario=dataclasses.replace(problem.scenario, configuration=configuration),
             layout=problem.layout,
             fold=fold or problem.fold,
             sensor=SensorRange(perception.ahead_m, perception.behind_m),
@@ -123,9 +129,11 @@ def _distant_types(problem: CalibrationProblem, clock: Clock, first_step: int) -
     return DistantTypes(dict(chosen), sensor.ahead_m, sensor.behind_m, clock.steps_per_decision, first_step)
 
 
-def _clock(problem: CalibrationProblem, decision_interval_s: float = DECISION_INTERVAL_S) -> Clock:
+def _clock(
+    problem: CalibrationProblem, decision_interval_s: float = DECISION_INTERVAL_S, step_s: float | None = None
+) -> Clock:
     """Return a clock whose decisions are a whole number of frames apart, or frames a whole number of decisions."""
-    step_s = problem.parts.scenario.step_s
+    step_s = problem.parts.scenario.step_s if step_s is None else step_s
     steps_per_frame = round(problem.frame_interval_s / step_s)
     wanted = decision_interval_s / step_s
     if wanted >= steps_per_frame:

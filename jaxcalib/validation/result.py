@@ -36,6 +36,7 @@ class ValidationResult(msgspec.Struct, frozen=True):
         warnings: what a user should know.
         versions: of the program and its libraries.
         commit: of the program.
+        step_error: with `--half-step` by how much each of these quantities differs from that with half the step.
         profile: with `--profile` where the time has gone by kind of work; None otherwise.
     """
 
@@ -63,5 +64,6 @@ class ValidationResult(msgspec.Struct, frozen=True):
     warnings: list[str]
     versions: dict[str, str]
     commit: str | None
+    step_error: dict[str, Any] | None = None
     profile: dict[str, Any] | None = None
     format: int = FORMAT

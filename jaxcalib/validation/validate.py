@@ -11,7 +11,7 @@ import numpy as np
 from jaxcalib.calibration.confirmation.scenario_check import start_scenario_check
 from jaxcalib.calibration.result.result import rounded, to_json
 from jaxcalib.calibration.result.simulation_health import health_of
-from jaxcalib.calibration.stages.evaluator import AllRunsFailedError, gather
+from jaxcalib.calibration.stages.evaluator import gather
 from jaxcalib.case.case import Role
 from jaxcalib.cluster.opening import sumo_workers_at
 from jaxcalib.errors import CaseError
@@ -24,7 +24,6 @@ from jaxcalib.runs.profile import profile
 from jaxcalib.runs.progress import Progress
 from jaxcalib.runs.provenance import commit, versions
 from jaxcalib.runs.run_folder import identify
-from jaxcalib.runs.seeds import VALIDATION_SEED
 from jaxcalib.runs.session import Session, open_session
 from jaxcalib.validation.calibrated_run import CalibratedRun, read_calibrated_run
 from jaxcalib.validation.comparison import (
@@ -48,9 +47,11 @@ from jaxcalib.validation.observer import DriveObserver
 from jaxcalib.validation.prediction import FEWEST_ROUNDS
 from jaxcalib.validation.report import validation_html
 from jaxcalib.validation.result import ValidationResult
+from jaxcalib.validation.rounds import complete_rounds, round_requests
+from jaxcalib.validation.step_error import check_half_step, step_error
 from jaxcalib.validation.tails import compare_tails
 from jaxcalib.validation.volumes import Volume
-from sim_adapters.interface import RunOutcome, RunRequest
+from sim_adapters.interface import RunRequest
 
 MOST_SEEDS = 1000
 FOLDER = "validation"
@@ -65,6 +66,7 @@ def validate(
     drives: Literal["held_out", "fit"] | None = None,
     counts: Path | str | None = None,
     margins: Path | str | None = None,
+    half_step: bool = False,
     resume: bool = False,
     cluster: str | None = None,
     progress: Progress | None = None,
@@ -79,6 +81,7 @@ def validate(
         drives: role of the drives that it is judged by; held-out drives where there are any unless given.
         counts: table of counted vehicles, for GEH and the criteria of FHWA 2019.
         margins: TOML file with margins within which quantities count as the same, instead of the usual ones.
+        half_step: run the rounds with half the scenario's step, too, for the error of the step.
         resume: go on with a validation that was stopped.
         cluster: address of a dask scheduler whose workers make SUMO's runs; None for this machine.
         progress: told how far it is.
@@ -105,6 +108,8 @@ def validate(
         raise CaseError("command line", "--drives", f"expected a role that drives of the case have, got {role}.")
     counted = None if counts is None else read_counts(Path(counts), problem)
     within = read_margins(None if margins is None else Path(margins))
+    if half_step:
+        check_half_step(problem)
     options = {
         "validate": list(calibrated.values), "seeds": seeds, "drives": role, "first": calibrated.first_seed,
         "counts": None if counted is None else [list(counted.places), np.nan_to_num(counted.vehicles, nan=-1).tolist()],
@@ -116,7 +121,7 @@ def validate(
             folder, identity, progress=progress, resume=resume, began_s=began_s, sumo_workers=workers
         ) as session,
     ):
-        result = _validate(problem, calibrated, role, seeds, counted, within, session)
+        result = _validate(problem, calibrated, role, seeds, counted, within, session, half_step=half_step)
         session.folder.write_text("validation.json", to_json(result))
         session.folder.write_text("validation.html", validation_html(result))
     return result
@@ -130,12 +135,17 @@ def _validate(
     counted: FieldCounts | None,
     margins: Mapping[Moe, Margin],
     session: Session,
+    *,
+    half_step: bool,
 ) -> ValidationResult:
     observer = DriveObserver(problem)
     logs = [drive for drive in problem.drives if drive.role == role]
     requests = round_requests(calibrated, problem.departs_s(role), seeds)
     count_requests = [] if counted is None else _count_requests(calibrated, requests, seeds)
-    session.progress.plan(0, len(requests) + len(count_requests))
+    half_step_requests = (
+        round_requests(calibrated, problem.departs_s(role), seeds, len(requests) + seeds) if half_step else []
+    )
+    session.progress.plan(0, len(requests) + len(count_requests) + len(half_step_requests))
     session.progress.stage("validation")
     with sumo_engine(problem, fold=observer, workers=session.sumo_workers) as pool:
         sumo = JournaledSumo(pool, session.journal)
@@ -145,8 +155,9 @@ def _validate(
         outcomes = wait()
     rounds = complete_rounds(outcomes, len(logs))
     simulated_counts = _counts_of(problem, counted, count_requests, session)
-    session.progress.stage("report")
     simulated = observer.parts(rounds)
+    of_step = step_error(problem, observer, margins, simulated, half_step_requests, session) if half_step else None
+    session.progress.stage("report")
     field = observer.parts(np.stack([observer(drive.frames(problem.frame_interval_s)) for drive in logs]))
     measures = compare_measures(problem.measures, problem.tally_names, field, simulated)
     distributions = compare_distributions(field, simulated)
@@ -181,7 +192,8 @@ def _validate(
         volumes=_seen_volumes(problem, measures),
         counts=[_volume_entry(volume) for volume in count_volumes(counted, simulated_counts)] if counted else [],
         health=health_of(outcomes),
-        runs=len(outcomes) + len(count_requests),
+        runs=len(outcomes) + len(count_requests) + len(half_step_requests),
+        step_error=of_step,
         seeds=[requests[0].seed, requests[-1].seed],
         num_rounds=len(rounds),
         wall_s={"total": rounded(time.perf_counter() - session.began_s) or 0.0},
@@ -190,31 +202,6 @@ def _validate(
         commit=commit(),
         profile=profile(),
     )
-
-
-def round_requests(calibrated: CalibratedRun, departs_s: Sequence[float], seeds: int) -> list[RunRequest]:
-    """Return the runs of all rounds: each drive once in each, no two with the same seed."""
-    first = calibrated.first_seed + VALIDATION_SEED
-    return [
-        RunRequest(calibrated.values, first + number * len(departs_s) + drive, depart_s)
-        for number in range(seeds)
-        for drive, depart_s in enumerate(departs_s)
-    ]
-
-
-def complete_rounds(outcomes: Sequence[RunOutcome], num_drives: int) -> np.ndarray:
-    """Return what the rounds in which no run failed have observed, [round, drive, number].
-
-    Raises:
-        AllRunsFailedError: too few of them are left.
-    """
-    rounds = [outcomes[begin : begin + num_drives] for begin in range(0, len(outcomes), num_drives)]
-    complete = [[run.observed for run in runs] for runs in rounds if all(run.status.is_ok for run in runs)]
-    if len(complete) < FEWEST_ROUNDS:
-        reasons = "; ".join(sorted({run.status.value for run in outcomes if not run.status.is_ok}))
-        tail = next((run.log_tail for run in outcomes if run.log_tail), "")
-        raise AllRunsFailedError(f"in all but {len(complete)} rounds of drives a run failed in SUMO: {reasons}", tail)
-    return np.asarray(complete, float)
 
 
 def _seen_volumes(problem: CalibrationProblem, measures: dict[str, dict[str, Any]]) -> list[dict[str, Any]]:

@@ -16,6 +16,8 @@ class Interval(msgspec.Struct, frozen=True):
     lower: float | None  # lower bound of the 90 % interval; None where the data say nothing
     upper: float | None  # upper bound
     at_bound: bool  # whether the value lies on a bound of its range
+    # whether logs and measures tell it: not at a bound, and an interval narrower than half of its range
+    is_identified: bool
     scenario: float  # what the scenario says
     initial: float  # what the logs said before the search
     source: str  # where the initial value comes from
@@ -62,6 +64,7 @@ class CalibrationResult(msgspec.Struct, frozen=True):
             `count`, as `jaxcalib check` says.
         warnings: what a user should know.
         versions: of the program and its libraries.
+        commit: of the program.
         profile: with `--profile` where the time has gone by kind of work, and how much of the cores' was used.
     """
 
@@ -87,6 +90,7 @@ class CalibrationResult(msgspec.Struct, frozen=True):
     scenario: list[dict[str, Any]]
     warnings: list[str]
     versions: dict[str, str]
+    commit: str | None = None
     profile: dict[str, Any] | None = None
     format: int = FORMAT
 

@@ -30,6 +30,7 @@ from jaxcalib.calibration.stages.screening import Screening
 from jaxcalib.case.case import ROLES, Role
 from jaxcalib.measures.measure import MeasureValue
 from jaxcalib.runs.profile import profile
+from jaxcalib.runs.provenance import commit
 from jaxcalib.runs.run_folder import LIBRARIES
 from jaxcalib.statistics.normal import HALF_WIDTH_90
 from sim_adapters.activity import Activity, doing
@@ -37,6 +38,7 @@ from sim_adapters.interface import RunOutcome
 from sim_adapters.scenario.finding import sorted_findings
 
 NEAR_BOUND = 0.005  # of the unit range
+WIDE = 0.5  # of the unit range: an interval as wide says that nothing tells the parameter
 SEARCH_PARTS = (AGREEMENT, "stage1", "stage2_exploration", "stage2_optimisation", "corrected_search")
 
 
@@ -123,6 +125,7 @@ def build_result(record: CalibrationRecord) -> CalibrationResult:
             *held_out_warnings(errors),
         ],
         versions={"jaxcalib": metadata.version("jaxcalib")} | {name: metadata.version(name) for name in LIBRARIES},
+        commit=commit(),
     )  # fmt: skip
 
 
@@ -205,6 +208,8 @@ def _parameter_table(record: CalibrationRecord) -> dict[str, Interval]:
             lower=float(low[place]) if is_known else None,
             upper=float(high[place]) if is_known else None,
             at_bound=_is_at_bound(record, place),
+            is_identified=bool(is_known and 2.0 * HALF_WIDTH_90 * error[place] < WIDE)
+            and not _is_at_bound(record, place),
             scenario=float(record.initial.scenario_values[place]),
             initial=float(record.initial.values[place]),
             source=record.initial.source[place],

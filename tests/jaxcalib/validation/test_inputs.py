@@ -14,7 +14,8 @@ from jaxcalib.errors import CaseError
 from jaxcalib.problem.problem import CalibrationProblem, read_problem
 from jaxcalib.validation.calibrated_run import CalibratedRun, read_calibrated_run
 from jaxcalib.validation.counts import count_criteria, count_volumes, read_counts
-from jaxcalib.validation.validate import complete_rounds, round_requests, validate
+from jaxcalib.validation.rounds import complete_rounds, round_requests
+from jaxcalib.validation.validate import validate
 from sim_adapters.interface import ParameterLayout, RunOutcome, RunRequest, Status
 from tests.places import CORRIDOR
 

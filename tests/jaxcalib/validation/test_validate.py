@@ -25,11 +25,21 @@ def test_the_scenario_before_calibration_is_not_valid(small_case: Path, tmp_path
     parameters = {"demand": dict(zip(layout.input_ids, values, strict=False)), "behaviour": {"car": behaviour}}
     (tmp_path / "result.json").write_text(json.dumps({"format": 1, "parameters": parameters}))
     (tmp_path / "counts.csv").write_text(COUNTS)
-    assert command(small_case, tmp_path, seeds=4, counts=tmp_path / "counts.csv", quiet=True) == 0
+    assert command(small_case, tmp_path, seeds=4, counts=tmp_path / "counts.csv", half_step=True, quiet=True) == 0
     found = json.loads((tmp_path / "validation" / "validation.json").read_text())
     assert found["is_valid"] is False
     assert found["drives"] == ["d04", "d08"]
-    assert found["runs"] == 4 * 2 + 4
+    assert found["runs"] == 4 * 2 + 4 + 4 * 2
+    halved = found["step_error"]
+    assert (halved["half_step_s"], halved["step_s"]) == (0.5 * problem.parts.scenario.step_s,) + (
+        problem.parts.scenario.step_s,
+    )
+    assert (halved["runs"], halved["num_rounds"]) == (8, 4)
+    assert set(halved["quantities"]) == set(found["equivalence"])
+    speed = halved["quantities"]["traffic_speed_mps"]
+    assert speed["step"] == found["equivalence"]["traffic_speed_mps"]["simulated"]
+    assert speed["difference"] == pytest.approx(speed["step"] / speed["half_step"] - 1.0, abs=1e-5)
+    assert abs(speed["difference"]) < 0.1
     one = found["measures"]["traffic_speed_mps"]
     assert one["interval_90"][0] < one["interval_90_of_mean"][0] < one["simulated"] < one["interval_90"][1]
     assert found["health"]["teleports"] == 0
@@ -42,6 +52,22 @@ def test_the_scenario_before_calibration_is_not_valid(small_case: Path, tmp_path
     assert "not valid" in page
     assert "<script" not in page
     assert command(small_case, tmp_path, seeds=4, counts=tmp_path / "counts.csv", quiet=True) == 2  # begun: --resume
+
+
+@pytest.mark.long
+def test_half_the_step_has_twice_as_many(small_problem: CalibrationProblem):
+    """Frames stay as far apart, so that measures are those of the same instants."""
+    problem, step_s = small_problem, small_problem.parts.scenario.step_s
+    request = RunRequest(tuple(problem.template.base_values().tolist()), 11, 70.0)
+    outcomes = []
+    for length_s in (step_s, 0.5 * step_s):
+        with sumo_engine(problem, 1, step_s=length_s) as sumo:
+            outcomes += sumo.run([request])
+    whole, half = outcomes
+    assert whole.status is half.status is Status.OK
+    assert half.num_vehicle_steps / whole.num_vehicle_steps == pytest.approx(2.0, rel=0.1)
+    frames = problem.tally_names.index("subject_frames") if "subject_frames" in problem.tally_names else 0
+    assert half.observed[frames] == pytest.approx(whole.observed[frames], rel=0.1)
 
 
 @pytest.mark.long
