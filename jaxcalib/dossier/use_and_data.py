@@ -100,7 +100,7 @@ def model_and_limits(evidence: Evidence) -> Section:
         "scenario/, case.toml: subject",
     )
     for line in ASSUMPTIONS:
-        section.say(f"Assumed: {line}", "docs/dossier.md")
+        section.say(f"Assumed: {line}", "the program: what SUMO's traffic is")
     _simulators(section, evidence.result["confirmation"])
     for entry in evidence.result.get("scenario") or []:
         section.say(

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Literal
 
 from jaxcalib.case.case import Drive
+from jaxcalib.case.case_file import FILE_NAME
 from jaxcalib.errors import CaseError
 from jaxcalib.exporters.recorded_run import RecordedRun
 from jaxcalib.problem.problem import CalibrationProblem, read_problem
@@ -16,6 +17,7 @@ from jaxcalib.runs.disk import check_out, check_outside, writing_to
 from jaxcalib.validation.calibrated_run import read_calibrated_run
 from sim_adapters.errors import ScenarioError
 from sim_adapters.sumo.trajectories import record_trajectories
+from surrogate.subject.registry import VTYPE
 
 Format = Literal["osi", "openscenario", "fcd"]
 Write = Callable[[RecordedRun], list[str]]
@@ -53,7 +55,8 @@ def export(
         One line for each thing that was written or is missing.
 
     Raises:
-        CaseError: case, RUN, drive or folder are wrong, what a format needs is not installed, or SUMO ends the run.
+        CaseError: case, RUN, drive or folder are wrong, the subject vehicle has a driver of its own, what a format
+            needs is not installed, or SUMO ends the run.
         ResourceError: the disk is full.
     """
     folder = Path(out)
@@ -63,6 +66,7 @@ def export(
     problem = read_problem(case)
     calibrated = read_calibrated_run(Path(run), problem)
     chosen = _drive(problem, drive)
+    _check_subject(problem, free_subject=free_subject)
     name = f"{problem.case.name}_{chosen.id}_{seed}"
     with writing_to(folder), tempfile.TemporaryDirectory(prefix="jaxcalib-") as scratch:
         folder.mkdir(parents=True, exist_ok=True)
@@ -79,7 +83,24 @@ def export(
             said = write(RecordedRun(problem, fcd, vehicles, folder, name))
         except ScenarioError as error:
             raise CaseError(error.file, "", error.message) from None
+    if problem.parts.behaviour.distant_vtypes:
+        said = [*said, "warning: behaviour.distant_vtypes: in plain SUMO nobody changes over, so not here."]
     return [*said, *(f"warning: {line}" for line in calibrated.warnings)]
+
+
+def _check_subject(problem: CalibrationProblem, *, free_subject: bool) -> None:
+    """Refuse to write a drive of the subject vehicle that plain SUMO makes instead of the case's own driver.
+
+    Raises:
+        CaseError: another model than its vType drives it, and its drive would be written.
+    """
+    model = problem.parts.subject.model.name
+    if model != VTYPE and not free_subject:
+        expected = (
+            f'expected model = "{VTYPE}", got "{model}": an export is made by plain SUMO. Leave the subject vehicle to '
+            "the vehicle under test: --to openscenario --free-subject."
+        )
+        raise CaseError(FILE_NAME, "subject.model", expected)
 
 
 def _writer(to: Format, range_m: float | None, free_subject: bool) -> Write:

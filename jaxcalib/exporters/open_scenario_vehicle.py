@@ -1,8 +1,7 @@
 """A vehicle of SUMO as one of ASAM OpenSCENARIO XML, whose origin lies below the middle of the rear axle.
 
-Source: ASAM OpenSCENARIO XML 1.2, model documentation: Vehicle, Axles, BoundingBox. SUMO knows lengths, widths and
-heights, and no axles: here the wheelbase is WHEELBASE_SHARE of the length, with as much ahead of it as behind, as cars
-have it. Where the body lies does not depend on that, for the box's centre is written with the same share.
+Source: ASAM OpenSCENARIO XML 1.2, model documentation: Vehicle, Axles, BoundingBox. Where the body lies does not depend
+on where the axles are taken to be, for the box's centre is written with the same share.
 """
 
 from typing import Any
@@ -10,12 +9,12 @@ from typing import Any
 import numpy as np
 from scenariogeneration import xosc
 
+from jaxcalib.exporters.axles import WHEEL_M, rear_overhang_m, wheelbase_m
 from jaxcalib.exporters.tracks import Track
 from sim_adapters.sumo.trajectories import VehicleKind
 
-WHEELBASE_SHARE = 0.6  # of the length
 TRACK_SHARE = 0.85  # of the width, between the middles of left and right wheels
-WHEEL_M, STEERING_RAD = 0.65, 0.6  # diameter and largest angle of wheels, of a car's size
+STEERING_RAD = 0.6  # largest angle of wheels, of a car's size
 # performance must be given: so much that it bounds nobody's trajectory
 FASTEST_MPS, STRONGEST_MPS2 = 100.0, 20.0
 CATEGORIES: dict[str, Any] = {  # SUMO's vehicle classes that are no cars
@@ -35,16 +34,11 @@ def vehicle_of(kind: VehicleKind) -> xosc.Vehicle:
     box = xosc.BoundingBox(
         kind.width_m, kind.length_m, kind.height_m, round(centre_m, 4), 0.0, round(0.5 * kind.height_m, 4)
     )
-    track_m, wheelbase_m = round(TRACK_SHARE * kind.width_m, 4), round(WHEELBASE_SHARE * kind.length_m, 4)
-    front = xosc.Axle(STEERING_RAD, WHEEL_M, track_m, wheelbase_m, 0.5 * WHEEL_M)
+    track_m = round(TRACK_SHARE * kind.width_m, 4)
+    front = xosc.Axle(STEERING_RAD, WHEEL_M, track_m, round(wheelbase_m(kind), 4), 0.5 * WHEEL_M)
     rear = xosc.Axle(0.0, WHEEL_M, track_m, 0.0, 0.5 * WHEEL_M)
     name = kind.vehicle_class or "vehicle"
     return xosc.Vehicle(name, category, box, front, rear, FASTEST_MPS, STRONGEST_MPS2, STRONGEST_MPS2)
-
-
-def rear_overhang_m(kind: VehicleKind) -> float:
-    """From the rear axle to the rear end."""
-    return 0.5 * (1.0 - WHEELBASE_SHARE) * kind.length_m
 
 
 def rear_axle_m(track: Track, kind: VehicleKind) -> np.ndarray:

@@ -7,11 +7,16 @@ import sumolib
 
 from sim_adapters.errors import ScenarioError
 
+WRITTEN_AS, HOLDS = 'revMajor="1" revMinor="4"', 'revMajor="1" revMinor="5"'
+
 
 def write_open_drive(network: Path, file: Path) -> bool:
     """Write a network's road; its plane is the network's, which netconvert does not move.
 
-    Source: ASAM OpenDRIVE 1.4, as netconvert writes it; the header's offset leads from this plane to projected places.
+    netconvert says that it writes 1.4, but its header has an offset, from this plane to projected places, which is
+    there from 1.5 on; so that is what the file says here, and the schema of 1.5 is what it keeps to.
+
+    Source: ASAM OpenDRIVE 1.5, header.
 
     Args:
         network: SUMO's network (.net.xml, packed or not).
@@ -35,4 +40,6 @@ def write_open_drive(network: Path, file: Path) -> bool:
     if done.returncode or not file.is_file():
         said = (done.stderr + done.stdout).strip().splitlines() or [f"it ends with code {done.returncode}."]
         raise ScenarioError(network, f"netconvert makes no OpenDRIVE of it: {said[0].removeprefix('Error: ')}")
+    text = file.read_text(encoding="utf-8")
+    file.write_text(text.replace(WRITTEN_AS, HOLDS, 1), encoding="utf-8")
     return True

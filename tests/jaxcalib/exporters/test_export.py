@@ -1,5 +1,6 @@
 """Calibrated traffic for other simulators: what is written comes back, and both formats tell the same drive."""
 
+import shutil
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -25,7 +26,7 @@ pytest.importorskip("osi_utilities", reason="the extra 'osi' is not installed")
 pytest.importorskip("osi3", reason="the extra 'osi' is not installed")
 
 from osi3.osi_object_pb2 import MovingObject
-from osi_utilities import ChannelSpecification, open_channel
+from osi_utilities import ChannelSpecification, MultiTraceReader, open_channel
 
 from jaxcalib.exporters.osi_ground_truth import write_ground_truth
 from jaxcalib.importers import osi, sumo_fcd
@@ -33,6 +34,7 @@ from jaxcalib.importers import osi, sumo_fcd
 KINDS = {"ego": VehicleKind(4.8, 1.8, 1.5, "passenger"), "lorry.7": VehicleKind(14.0, 2.5, 3.6, "truck")}
 UTM = "+proj=utm +zone=32 +ellps=WGS84 +units=m +no_defs"
 STEP_S, YAW_RAD = 0.1, 0.4
+PER_VEHICLE = ("vehicle", "x_m", "y_m", "heading_rad", "speed_mps", "acceleration_mps2", "lane", "length_m")
 
 
 def slices() -> list[Slice]:
@@ -71,9 +73,44 @@ def test_messages_say_what_each_vehicle_is_and_where_its_middle_lies(tmp_path: P
     centre = (1000.0 + np.cos(YAW_RAD) * along_m, 500.0 + np.sin(YAW_RAD) * along_m)
     assert (lorry.base.position.x, lorry.base.position.y) == pytest.approx(centre, abs=1e-6)
     assert (lorry.base.dimension.length, lorry.base.velocity.x) == pytest.approx((14.0, 18.0 * np.cos(YAW_RAD)))
+    rear, front = lorry.vehicle_attributes.bbcenter_to_rear, lorry.vehicle_attributes.bbcenter_to_front
+    assert (rear.x, rear.y, rear.z) == pytest.approx((-4.2, 0.0, 0.325 - 1.8))  # 0.6 of 14 m between the axles
+    assert (front.x, front.z) == pytest.approx((4.2, 0.325 - 1.8))
     assert last.proj_string == UTM
     assert last.proj_frame_offset.position.x == 500_000.0
     assert (last.version.version_major, last.version.version_minor) >= (3, 5)
+
+
+def test_instants_without_the_host_are_left_out_and_the_file_names_its_release(tmp_path: Path):
+    """A host that is no moving object of its message breaks a rule of OSI's own checker."""
+    made = slices()
+    alone = [replace(one, **{name: getattr(one, name)[1:] for name in PER_VEHICLE}) for one in made[-5:]]
+    file = tmp_path / "some.mcap"
+    assert write_ground_truth(file, [*alone[:2], *made[20:30], *alone[2:]], KINDS, "ego", Plane(None, (0.0, 0.0))) == 10
+    with open_channel(ChannelSpecification(file)) as messages:
+        read: list[Any] = list(messages)
+    assert all(one.host_vehicle_id.value in {thing.id.value for thing in one.moving_object} for one in read)
+    with MultiTraceReader() as reader:
+        assert reader.open(file)
+        about = {name: text for one in reader.get_file_metadata() for name, text in one["data"].items()}
+        channel = reader.get_channel_metadata("ground_truth")
+    version = read[0].version
+    release = f"{version.version_major}.{version.version_minor}.{version.version_patch}"
+    assert about["version"] == about["min_osi_version"] == about["max_osi_version"] == release
+    assert channel is not None
+    assert channel["net.asam.osi.trace.channel.osi_version"] == release
+
+
+def test_a_subject_vehicle_with_a_driver_of_its_own_is_not_written_as_sumos(tmp_path: Path):
+    case = tmp_path / "case"
+    shutil.copytree(CORRIDOR, case)
+    text = (case / "case.toml").read_text()
+    assert "[subject]\n" in text
+    (case / "case.toml").write_text(text.replace("[subject]\n", '[subject]\nmodel = "planner"\n'))
+    run_of_the_scenario(tmp_path / "run")
+    with pytest.raises(CaseError, match=r'subject\.model: expected model = "vtype", got "planner".*--free-subject'):
+        export(case, tmp_path / "run", tmp_path / "out")
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize("projection", [None, UTM])

@@ -51,6 +51,8 @@ def test_lanes_lie_where_those_of_sumo_lie(tmp_path: Path, name: str):
     assert write_open_drive(network, road)
     assert apart_m(network, road, internal=False) < 0.5 * SAMPLE_M + CURVES_M
     assert apart_m(network, road, internal=True) < LANE_WIDTH_M  # junctions are drawn anew
+    head = road.read_text()[:2000]
+    assert 'revMinor="5"' in head
 
 
 def test_what_netconvert_cannot_read_is_refused_in_its_words(tmp_path: Path):
