@@ -46,7 +46,8 @@ def differences_on(problem: CalibrationProblem, pattern: int, out: Path, rounds:
         for number, values in enumerate((true, true, found))
     ]
     measures = {name: field.measures[name] for name in safety_measures()}
-    return [{"pattern": DEMANDS[pattern - 1].name} | row for row in rows_of(measures, field.tally_names, *tallies)]
+    name = DEMANDS[pattern - 1].name
+    return [{"pattern": name, **row} for row in rows_of(measures, field.tally_names, *tallies)]
 
 
 def values_found(field: CalibrationProblem, pattern: int, out: Path, budget: float) -> list[float]:

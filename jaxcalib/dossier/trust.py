@@ -21,7 +21,7 @@ def numerical_error(evidence: Evidence) -> Section:
         f"{health['runs']} runs of the result in SUMO: {health['failed']} failed, {health['unfinished']} drives "
         f"unfinished, {health['collisions']} vehicle steps in collision, {health['teleports']} teleports, "
         f"{health['subject_overlaps']} steps of a replayed subject vehicle in another one, "
-        f"{health['backlog_share']:.2%} of the demand not inserted.",
+        f"{100.0 * health['backlog_share']:.2f} % of the demand not inserted.",
         "result.json: health",
     )
     if health["failed"] or health["unfinished"] or health["collisions"] or health["teleports"]:

@@ -63,10 +63,10 @@ def write_ground_truth(
     """
     numbers = {name: number for number, name in enumerate(vehicles, start=1)}
     num_messages = 0
-    with MultiTraceWriter() as writer:
-        about = prepare_required_file_metadata() | dict.fromkeys(RELEASES, _release())
-        if not writer.open(file, about):
-            raise OSError(f"{file} cannot be written")
+    writer, about = MultiTraceWriter(), prepare_required_file_metadata() | dict.fromkeys(RELEASES, _release())
+    if not writer.open(file, about):
+        raise OSError(f"{file} cannot be written")
+    with writer:
         of_channel = {CHANNEL_RELEASE: _release(), CHANNEL_PROTOBUF: about["max_protobuf_version"]}
         writer.add_channel(TOPIC, GroundTruth, of_channel)
         for here in slices:

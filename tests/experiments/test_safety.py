@@ -12,13 +12,13 @@ from experiments.paper.study import trial_folder
 from experiments.paper.trial import TRIAL_FILE, Trial, trial_json
 from experiments.safety import differences
 from experiments.safety.differences import AGAIN, CALIBRATED, FEWEST_OBSERVATIONS, rows_of, summary_of, values_found
-from jaxcalib.measures.measure import Measure
+from jaxcalib.measures.measure import Level, Measure
 
 NAMES = ("metres", "braked", "near", "gaps", "gap_m")
 MEASURES = {
-    "hard_braking_per_km": Measure("hard_braking_per_km", "", "vehicle", "braked", "metres", 1000.0, "braked"),
-    "near_misses_per_1000_km": Measure("near_misses_per_1000_km", "", "vehicle", "near", "metres", 1e6, "near"),
-    "gap_m": Measure("gap_m", "", "vehicle", "gap_m", "gaps"),
+    "hard_braking_per_km": Measure("hard_braking_per_km", "", Level.VEHICLE, "braked", "metres", 1000.0, "braked"),
+    "near_misses_per_1000_km": Measure("near_misses_per_1000_km", "", Level.VEHICLE, "near", "metres", 1e6, "near"),
+    "gap_m": Measure("gap_m", "", Level.VEHICLE, "gap_m", "gaps"),
 }
 
 

@@ -190,7 +190,7 @@ def test_all_that_is_there_is_told_with_its_source(problem: CalibrationProblem, 
     assert dossier.num_failures == len(against) == 7
     assert "Not valid: 1 of 2 criteria fail." in words
     assert any("14 drives unfinished" in line for line in words)
-    assert any("0.02% of the demand" in line for line in words)
+    assert any("0.02 % of the demand" in line for line in words)
     assert "The calibration was made by commit abc." in words
     assert "lane_change_distance" not in missing_of(dossier, "Calibration")
     assert "tell an error of 100 % from chance: lane change distance" in missing_of(dossier, "Calibration")
