@@ -7,7 +7,6 @@ import numpy as np
 
 from jaxcalib.dossier.evidence import Evidence
 from jaxcalib.dossier.section import Section
-from surrogate.lane_change.registry import LC2013
 from surrogate.subject.registry import DESCRIPTIONS
 
 # Whoever does not say them is asked under this heading; `accuracy_requirement` under that of the validation.
@@ -19,6 +18,7 @@ ASKED_OF_PEOPLE = {
     "responsible": "Who made it, and what is their experience?",
     "review": "Who, independent of them, has looked at it?",
 }
+DEFAULT_LANE_CHANGE = "LC2013"  # of SUMO, where a vType names none
 # What calibrated SUMO traffic takes for granted whatever the case; a test that depends on one of these is out of scope.
 ASSUMPTIONS = (
     "Traffic is SUMO's: vehicles in lanes, whose drivers follow and change lane by a model with the calibrated "
@@ -93,7 +93,7 @@ def model_and_limits(evidence: Evidence) -> Section:
         "scenario/: network and routes",
     )
     vtypes, subject = problem.scenario.demand.vtypes, parts.subject
-    models = sorted({vtypes[name].get("laneChangeModel", LC2013.name) for name in behaviour.vtypes})
+    models = sorted({vtypes[name].get("laneChangeModel", DEFAULT_LANE_CHANGE) for name in behaviour.vtypes})
     section.say(
         f"Lane changes by SUMO's {', '.join(models)}; {subject.vehicle}, the subject vehicle, is driven by "
         f"{DESCRIPTIONS[subject.model.name]}.",

@@ -7,6 +7,8 @@ from jaxcalib.dossier.evidence import Evidence
 from jaxcalib.dossier.section import Section, between, number_range, words_of
 from jaxcalib.html.page import percent
 from jaxcalib.measures.registry import safety_measures
+from jaxcalib.validation.encounters import ALL
+from jaxcalib.validation.equivalence import MOST_MORE
 
 FILE = "validation.json"
 
@@ -69,7 +71,9 @@ def _margins(section: Section, found: Mapping[str, Any]) -> None:
         if one["verdict"] == "different":
             section.fail(f"{name} is known to differ by {percent(one['difference'])}.")
         elif one["verdict"] != "equivalent":
-            more = f"; {one['more_drives']} more would tell" if one.get("more_drives") else ""
+            number = one.get("more_drives")
+            least = "at least " if number == MOST_MORE else ""
+            more = f"; {least}{number} more would tell" if number else ""
             why = one.get("note") or f"{one['verdict']}{more}"
             section.lack(f"Whether {name} is the same within {percent(one['margin'])}: {why}.")
     columns = ("quantity", "difference", "90 % interval", "margin", "verdict", "source of the margin")
@@ -104,8 +108,9 @@ def _encounters(section: Section, found: Mapping[str, Any]) -> None:
     for kind, one in found["encounters"].items():
         scores = (one["recall"], one["precision"], one["f1"], one["among_simulated"], one["limit"])
         rows.append((words_of(kind), *(_total(one[side]) for side in ("field", "simulated")), *scores))
-        if None not in (one["f1"], one["limit"]) and one["f1"] < one["limit"]:
-            section.fail(f"Encounters of the kind {words_of(kind)} are recalled worse than rounds recall each other.")
+        # single kinds are shown alone: four tests at 5 % would often speak against a simulation that is right
+        if kind == ALL and None not in (one["f1"], one["limit"]) and one["f1"] < one["limit"]:
+            section.fail("The field's encounters are recalled worse than rounds recall each other's.")
     columns = ("encounters", "field", "simulated", "recall", "precision", "F1", "F1 among rounds", "5 % of these below")
     section.show("Encounters around the subject vehicle", columns, rows, f"{FILE}: encounters")
     rows = [

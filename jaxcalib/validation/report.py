@@ -3,6 +3,7 @@
 from markupsafe import Markup
 
 from jaxcalib.html.page import render_page
+from jaxcalib.validation.equivalence import MOST_MORE
 from jaxcalib.validation.figures import distances_figure, margins_figure, measures_figure
 from jaxcalib.validation.result import ValidationResult
 
@@ -15,6 +16,7 @@ def validation_html(result: ValidationResult) -> str:
         result=result,
         num_passed=sum(bool(criterion.passes) for criterion in answered),
         num_answered=len(answered),
+        most_more=MOST_MORE,
         margins=Markup(margins_figure(result)),
         measures=Markup(measures_figure(result)),
         distances=Markup(distances_figure(result)),

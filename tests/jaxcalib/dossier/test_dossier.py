@@ -97,6 +97,7 @@ def validation_of(problem: CalibrationProblem) -> dict[str, Any]:
     judged = {"field": 0.013, "num_observations": 41.0, "simulated": 0.03, "interval_90": [0.02, 0.04],
               "p_value": 0.001, "p_adjusted": 0.02, "is_beyond_chance": True}  # fmt: skip
     few = {"num_observations": 3.0, "interval_90": None, "p_value": None, "p_adjusted": None, "is_beyond_chance": None}
+    scores = {"recall": 0.6, "precision": 0.7, "f1": 0.1, "among_simulated": 0.4, "limit": 0.2}
     severities = {"mild": 1.0, "medium": 2.0, "severe": None}
     values = problem.template.base_values().tolist()
     return {
@@ -116,8 +117,8 @@ def validation_of(problem: CalibrationProblem) -> dict[str, Any]:
         ],
         "measures": {"subject_ttc_exposed_share": judged, "subject_drac_exposed_share": judged | few},
         "encounters": {
-            "cut_in": {"field": severities, "simulated": severities, "recall": 0.6, "precision": 0.7, "f1": 0.1,
-                       "among_simulated": 0.4, "limit": 0.2},
+            "cut_in": {"field": severities, "simulated": severities, **scores},
+            "all": {"field": None, "simulated": None, **scores},
         },
         "tails": {
             "subject": {"field": {"exceedances": 4.0, "level_mps2": None, "interval_90": None},
@@ -127,6 +128,7 @@ def validation_of(problem: CalibrationProblem) -> dict[str, Any]:
             "traffic_speed_mps": {**same, "difference": 0.005, "verdict": "equivalent"},
             "cut_ins_per_drive": {**same, "difference": 0.412, "verdict": "different"},
             "subject_time_headway_s": {**same, "difference": 0.1, "verdict": "not enough drives", "more_drives": 11},
+            "volume": {**same, "difference": 0.14999, "verdict": "not enough drives", "more_drives": 999},
             "gap_m": {**same, "difference": None, "verdict": "not enough drives", "note": "fewer than 5 observations"},
         },
     }  # fmt: skip
@@ -185,7 +187,7 @@ def test_all_that_is_there_is_told_with_its_source(problem: CalibrationProblem, 
     assert "Errors beyond chance on the held-out drives: cut ins." in against
     assert "collisions: 0.4, at most 0.1 (jaxcalib). in three runs" in against
     assert any(line.startswith("subject_ttc_exposed_share lies beyond") for line in against)
-    assert any("Encounters of the kind cut in" in line for line in against)
+    assert sum("encounters are recalled worse" in line for line in against) == 1  # of all kinds together
     assert "One effect is missing in the simulation: reaction delay." in against
     assert dossier.num_failures == len(against) == 7
     assert "Not valid: 1 of 2 criteria fail." in words
@@ -200,6 +202,7 @@ def test_all_that_is_there_is_told_with_its_source(problem: CalibrationProblem, 
     validation = missing_of(dossier, "Validation")
     assert "GEH below 5 (jaxcalib): needs counts" in validation
     assert "subject_time_headway_s is the same within 15.0 %: not enough drives; 11 more would tell" in validation
+    assert "volume is the same within 15.0 %: not enough drives; at least 999 more would tell" in validation
     assert "gap_m is the same within 15.0 %: fewer than 5 observations." in validation
     assert "too few events in the field to be judged: subject_drac_exposed_share" in validation
     assert "too few exceedances, subject in the field" in validation
