@@ -161,8 +161,24 @@ def paired(trials: Sequence[Trial], method: str, other: str) -> list[Pair]:
     return [(trial, theirs[key]) for trial, key in zip(ours, keys, strict=True) if key in theirs]
 
 
+def with_all_methods(trials: Sequence[Trial]) -> list[Trial]:
+    """Return the trials of patterns and repetitions that every method has made; means of others compare nothing.
+
+    Where there are none, as in a study that has just begun, all trials.
+    """
+    methods = {trial.method for trial in trials}
+    made: dict[tuple[int, int], set[str]] = {}
+    for trial in trials:
+        made.setdefault((trial.pattern, trial.repetition), set()).add(trial.method)
+    return [trial for trial in trials if made[trial.pattern, trial.repetition] == methods] or list(trials)
+
+
 def summary_table(trials: Sequence[Trial]) -> pd.DataFrame:
-    """Return the mean of every error for every method, with what chance shows and what the calibration cost."""
+    """Return the mean of every error for every method, with what chance shows and what the calibration cost.
+
+    The means are those over the patterns and repetitions that every method has made.
+    """
+    trials = with_all_methods(trials)
     names = list(dict.fromkeys(trial.method for trial in trials))
     columns: dict[str, list[float | None]] = {}
     for method in names:

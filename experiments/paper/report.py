@@ -13,7 +13,7 @@ def write_report(out: Path, others: Sequence[Path] = (), is_recorded: bool = Fal
     Raises:
         CaseError: there is no study, or another folder is of another one.
     """
-    from experiments.paper.comparison import by_pattern_table, comparison_table, summary_table
+    from experiments.paper.comparison import by_pattern_table, comparison_table, summary_table, with_all_methods
     from experiments.paper.figures import all_figures
     from experiments.paper.recovery import read_truth, recovery_table
     from experiments.paper.study import CASES, read_parts
@@ -31,7 +31,8 @@ def write_report(out: Path, others: Sequence[Path] = (), is_recorded: bool = Fal
     for name, (_, table) in tables.items():
         write_atomically(out / f"{name}.csv", lambda file, table=table: table.to_csv(file, index=False))
     if is_recorded:
-        _record(about, dict(tables.values()))
+        complete = len({(one.pattern, one.repetition) for one in with_all_methods(trials)})
+        _record(about | {"num_complete": complete}, dict(tables.values()))
     for name, text in all_figures(trials).items():
         write_atomically(out / f"{name}.svg", lambda file, text=text: file.write(text.encode()))
     return "\n\n".join([*(table.to_string(index=False) for _, table in tables.values()), f"figures: {out}"])
@@ -44,7 +45,8 @@ def _record(about: dict[str, Any], tables: dict[str, Any]) -> None:
     case, num_patterns = about["case"], len(about["patterns"])
     note = (
         f"{num_patterns} traffic patterns, {about['repetitions']} repetitions, {', '.join(about['methods'])}; "
-        f"budget {about['budget']:g}; failed: {', '.join(about['failed']) or 'none'}."
+        f"budget {about['budget']:g}; failed: {', '.join(about['failed']) or 'none'}. Errors of all methods are means "
+        f"over the {about['num_complete']} of them that every method has made."
     )
     for title, table in tables.items():
         rows = table.astype(object).where(table.notna(), None).to_dict("records")

@@ -107,6 +107,14 @@ def test_the_interval_is_that_of_patterns_for_repetitions_share_a_field():
     assert rows[0][1:] == pytest.approx([100.0 * (level - 1.6) / 1.6 for level in (low, high)], abs=0.01)
 
 
+def test_means_are_over_what_every_method_has_made(trials: list[Trial]):
+    """A hard pattern that one method has not met yet must not stand against the others alone."""
+    hard = msgspec.structs.replace(trial("improved", 1, 1), vehicle_level=50.0)
+    assert summary_table([*trials, hard]).equals(summary_table(trials))
+    alone = [trial("improved", 1), trial("printed", 2)]
+    assert len(summary_table(alone)) == len(summary_table(trials))
+
+
 def test_each_pattern_has_its_row_beside_chance(trials: list[Trial]):
     more = [*trials, msgspec.structs.replace(trial("improved", 2, 1), vehicle_level=1.0)]
     table = by_pattern_table(more).set_index("pattern")
@@ -198,7 +206,7 @@ def test_a_study_is_recorded_with_what_it_is_of(trials: list[Trial], tmp_path: P
     study, _, rows, title, (note,) = kept["road: Errors of all methods"]
     assert (study, title) == ("paper", "Errors of all methods on `road`")
     assert note.startswith("3 traffic patterns, 1 repetitions, no_calibration,")
-    assert note.endswith("budget 0.5; failed: a drive.")
+    assert "budget 0.5; failed: a drive. Errors of all methods are means over the 3 of them" in note
     by_measure = {row["measure"]: row for row in rows}
     assert by_measure["cut_ins"]["noise floor"] == 0.05
     assert all(value is None for name, value in by_measure["cut_ins"].items() if name not in ("measure", "noise floor"))
