@@ -58,6 +58,7 @@ def read_log_section(file: Path) -> tuple[LogSection, str]:
         section = _converted({"format": 1, "name": "log", "perception": perception} | data).log
     except CaseError as error:
         raise_faults(CaseError(file, fault.place, fault.expected) for fault in (error, *error.others))
+        raise
     assert section is not None
     return section, text
 
