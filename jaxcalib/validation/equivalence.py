@@ -29,6 +29,7 @@ EQUIVALENT, DIFFERENT, OPEN = "equivalent", "different", "not enough drives"
 ONE_SIDED = 0.05  # chance of calling equivalent what is as far apart as the margin
 NUM_DRAWS = 1000
 FEWEST_DRIVES = 3
+NOT_KNOWN = (math.nan, math.nan)
 MOST_MORE = 999  # drives that are asked for; more is no advice
 
 
@@ -71,56 +72,89 @@ def compare_within_margins(
         fewest = min(FEWEST_EVENTS, len(field.tally))  # what each drive shows once is one for each
         if not in_field.is_valid or in_field.num_observations < fewest or in_field.value == 0.0:
             words = in_field.reason or f"fewer than {fewest:.0f} observations in the field"
-            table[name] = entry | _verdict(math.nan, math.nan, margin.share, len(field.tally)) | {"note": words}
+            table[name] = entry | _verdict(math.nan, NOT_KNOWN, margin.share, len(field.tally)) | {"note": words}
             continue
-        spread, freedom = _error(value, field.tally, of_rounds, random)
         difference = (value(of_rounds) - in_field.value) / in_field.value
-        half_width = float(stats.t.ppf(1.0 - ONE_SIDED, freedom)) * spread / abs(in_field.value)
-        table[name] = entry | _verdict(difference, half_width, margin.share, len(field.tally)) | {"note": ""}
+        variances, freedom = _errors(value, field.tally, of_rounds, random)
+        interval = fieller_interval(
+            value(of_rounds), in_field.value, *variances, float(stats.t.ppf(1.0 - ONE_SIDED, freedom))
+        )
+        table[name] = entry | _verdict(difference, interval, margin.share, len(field.tally)) | {"note": ""}
     return table
 
 
-def _error(
+def fieller_interval(
+    simulated: float, field: float, simulated_variance: float, field_variance: float, quantile: float
+) -> tuple[float, float]:
+    """Return the interval of simulated / field - 1, which knows that the field's value is no more certain than it is.
+
+    A ratio of 1 + m lies in it exactly if simulated - (1 + m) field, whose variance is that of the simulated value and
+    (1 + m)^2 times the field's, is no farther from 0 than chance: so both one-sided tests hold their 5 % at margins of
+    any size, which an interval with the field's value as its unit does not.
+
+    Args:
+        simulated: mean of the rounds.
+        field: value of the field, not 0.
+        simulated_variance: of that mean.
+        field_variance: of that value.
+        quantile: of Student's t.
+
+    Returns:
+        The interval; nan where the field's value cannot be told from 0.
+
+    Source: Fieller (1954), J. R. Stat. Soc. B 16, 175-185.
+    """
+    certain = field**2 - quantile**2 * field_variance
+    if not (math.isfinite(certain) and certain > 0.0):
+        return math.nan, math.nan
+    under = field**2 * simulated_variance + simulated**2 * field_variance
+    reach = quantile * math.sqrt(max(under - quantile**2 * simulated_variance * field_variance, 0.0))
+    centre = simulated * field
+    return (centre - reach) / certain - 1.0, (centre + reach) / certain - 1.0
+
+
+def _errors(
     value: Callable[[np.ndarray], float],
     drives: Float[np.ndarray, "drive tally"],
     rounds: Float[np.ndarray, "round tally"],
     random: np.random.Generator,
-) -> tuple[float, float]:
-    """Return the standard error of the difference between rounds and drives, and its degrees of freedom."""
+) -> tuple[tuple[float, float], float]:
+    """Return the variances of the values of rounds and of drives, and the degrees of freedom of their difference."""
     variances, freedoms = [], []
-    for several in (drives, rounds):
+    for several in (rounds, drives):
         count = len(several)
         if count < FEWEST_DRIVES:
-            return math.nan, math.nan
+            return (math.nan, math.nan), math.nan
         drawn = random.integers(count, size=(NUM_DRAWS, count))
         values = np.asarray([value(several[numbers]) for numbers in drawn])
         # draws of n items scatter by (n - 1) / n less than such items do
         variances.append(float(np.nanvar(values)) * count / (count - 1))
         freedoms.append(count - 1)
     total = sum(variances)
+    both = (variances[0], variances[1])
     if not total > 0.0:
-        return math.sqrt(total), float(min(freedoms))
-    shares = sum(variance**2 / freedom for variance, freedom in zip(variances, freedoms, strict=True))
-    return math.sqrt(total), total**2 / shares
+        return both, float(min(freedoms))
+    return both, total**2 / sum(variance**2 / freedom for variance, freedom in zip(variances, freedoms, strict=True))
 
 
-def _verdict(difference: float, half_width: float, margin: float, num_drives: int) -> dict[str, Any]:
-    """Return the verdict on a difference whose 90 % interval reaches as far to either side."""
-    is_known = math.isfinite(difference) and math.isfinite(half_width)
+def _verdict(difference: float, interval: tuple[float, float], margin: float, num_drives: int) -> dict[str, Any]:
+    """Return the verdict on a difference with its 90 % interval."""
+    low, high = interval
+    is_known = math.isfinite(difference) and math.isfinite(low) and math.isfinite(high)
     entry: dict[str, Any] = {
         "difference": rounded(difference),
-        "interval_90": [rounded(difference - half_width), rounded(difference + half_width)] if is_known else None,
+        "interval_90": [rounded(low), rounded(high)] if is_known else None,
         "verdict": OPEN,
         "more_drives": None,
     }
     if not is_known:
         return entry
-    if abs(difference) + half_width <= margin:
+    if low >= -margin and high <= margin:
         return entry | {"verdict": EQUIVALENT, "more_drives": 0}
-    if abs(difference) - half_width > margin:
+    if low > margin or high < -margin:
         return entry | {"verdict": DIFFERENT, "more_drives": 0}
     to_go = abs(margin - abs(difference))
-    needed = math.inf if to_go == 0.0 else num_drives * (half_width / to_go) ** 2
+    needed = math.inf if to_go == 0.0 else num_drives * (0.5 * (high - low) / to_go) ** 2
     return entry | {
         "more_drives": max(1, min(math.ceil(needed - num_drives), MOST_MORE)) if needed < 1e9 else MOST_MORE
     }

@@ -8,6 +8,7 @@ from scipy import stats
 
 PROBABILITY = 0.9
 FEWEST_ROUNDS = 3
+ROUNDING = 1e-9  # relative; what is closer together is the same number
 
 
 @dataclass(frozen=True)
@@ -36,10 +37,10 @@ def predict(rounds: Float[np.ndarray, " round"], field: float) -> Prediction | N
     of_one, of_mean = spread * np.sqrt(1.0 + 1.0 / count), spread / np.sqrt(count)
     if not np.isfinite(field):
         p_value = float("nan")
-    elif spread > 0.0:
+    elif spread > ROUNDING * abs(mean):
         p_value = float(2.0 * stats.t.sf(abs(field - mean) / of_one, count - 1))
     else:
-        p_value = 1.0 if np.isclose(field, mean) else 0.0
+        p_value = 1.0 if np.isclose(field, mean) else 1.0 / (count + 1.0)  # of as many, any may be the odd one
     return Prediction(
         mean,
         mean - quantile * of_one,
@@ -67,6 +68,6 @@ def exceedance(rounds: Float[np.ndarray, " round"], value: float) -> float:
         return float("nan")
     logs = np.log(known)
     spread = float(logs.std(ddof=1)) * np.sqrt(1.0 + 1.0 / len(known))
-    if spread == 0.0:
-        return 0.0 if np.log(value) > logs.mean() else 1.0
+    if spread <= ROUNDING:
+        return 1.0 / (len(known) + 1.0) if np.log(value) > logs.mean() else 1.0
     return float(stats.t.sf((np.log(value) - logs.mean()) / spread, len(known) - 1))

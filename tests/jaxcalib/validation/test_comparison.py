@@ -105,3 +105,14 @@ def test_no_limit_of_a_share_is_above_one():
     found = compare_distributions(field, rounds)["subject_speed_mps"]
     assert found["kolmogorov_smirnov"]["limit"] == 1.0
     assert found["wasserstein"]["limit"] > 1.0
+
+
+def test_rounds_that_are_all_alike_leave_one_in_as_many_to_chance():
+    """Of 20 rounds and a field any may be the one that differs: no certainty comes from a spread of 0."""
+    alike = predict(np.full(20, 3.0), 4.0)
+    assert alike is not None
+    assert alike.p_value == pytest.approx(1.0 / 21.0)
+    assert exceedance(np.full(20, 3.0), 4.0) == pytest.approx(1.0 / 21.0)
+    same = predict(np.full(20, 3.0), 3.0)
+    assert same is not None
+    assert same.p_value == exceedance(np.full(20, 3.0), 3.0) == 1.0

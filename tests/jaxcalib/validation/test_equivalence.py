@@ -8,7 +8,14 @@ from scipy import stats
 
 from jaxcalib.errors import CaseError
 from jaxcalib.measures.measure import Level, Measure, Moe
-from jaxcalib.validation.equivalence import DIFFERENT, EQUIVALENT, OPEN, _verdict, compare_within_margins
+from jaxcalib.validation.equivalence import (
+    DIFFERENT,
+    EQUIVALENT,
+    OPEN,
+    _verdict,
+    compare_within_margins,
+    fieller_interval,
+)
 from jaxcalib.validation.margins import MARGINS, USER, Margin, read_margins
 from jaxcalib.validation.observer import ObservedDrives
 
@@ -67,14 +74,14 @@ def test_what_nothing_is_known_of_stays_open():
 
 def test_the_drives_that_are_asked_for_would_tell():
     """With n times the drives the interval is narrower by the root of n."""
-    entry = _verdict(0.04, 0.09, 0.1, 8)
+    entry = _verdict(0.04, (-0.05, 0.13), 0.1, 8)
     assert entry["verdict"] == OPEN
     more = entry["more_drives"]
     for number, verdict in ((more, EQUIVALENT), (more - 1, OPEN)):
         narrower = 0.09 * np.sqrt(8 / (8 + number))
-        assert _verdict(0.04, narrower, 0.1, 8 + number)["verdict"] == verdict
-    assert _verdict(-0.2, 0.15, 0.1, 8)["more_drives"] == 10  # to show that it is different
-    assert _verdict(0.1, 0.15, 0.1, 8)["more_drives"] == 999
+        assert _verdict(0.04, (0.04 - narrower, 0.04 + narrower), 0.1, 8 + number)["verdict"] == verdict
+    assert _verdict(-0.2, (-0.35, -0.05), 0.1, 8)["more_drives"] == 10  # to show that it is different
+    assert _verdict(0.1, (-0.05, 0.25), 0.1, 8)["more_drives"] == 999
 
 
 def test_margins_are_changed_in_one_table(tmp_path: Path):
@@ -103,3 +110,18 @@ def test_wrong_margins_are_refused_by_name(tmp_path: Path, text: str, said: str)
     with pytest.raises(CaseError, match=said) as error:
         read_margins(file)
     assert "margins.toml" in str(error.value)
+
+
+@pytest.mark.parametrize("margin", [-0.5, 0.3, 1.0, 2.0])
+def test_both_ends_of_the_interval_hold_their_rate_at_margins_of_any_size(margin: float):
+    """Truth at the margin, errors known: in one case of twenty the interval ends before it, and beyond it."""
+    random, quantile = np.random.default_rng(6), float(stats.norm.ppf(0.95))
+    fields, simulated = random.normal(10.0, 1.0, 4000), random.normal(10.0 * (1.0 + margin), 0.5, 4000)
+    ends = np.asarray([fieller_interval(s, f, 0.25, 1.0, quantile) for s, f in zip(simulated, fields, strict=True)])
+    for outside in (ends[:, 1] < margin, ends[:, 0] > margin):
+        assert np.mean(outside) == pytest.approx(0.05, abs=0.011)
+
+
+def test_a_field_that_may_be_nothing_has_no_ratio():
+    assert np.isnan(fieller_interval(3.0, 1.0, 0.1, 1.0, 1.645)).all()
+    assert fieller_interval(11.0, 10.0, 0.0, 0.0, 1.645) == pytest.approx((0.1, 0.1))
