@@ -27,7 +27,10 @@ def write_report(out: Path, others: Sequence[Path] = (), is_recorded: bool = Fal
     }
     truth = read_truth([folder / CASES for folder in (out, *others)])
     if truth is not None:
-        tables["recovery"] = ("Off by from what simulated patterns were made with, %", recovery_table(trials, truth))
+        tables["recovery"] = (
+            "Off by from what simulated patterns were made with, %",
+            recovery_table(with_all_methods(trials), truth),
+        )
     for name, (_, table) in tables.items():
         write_atomically(out / f"{name}.csv", lambda file, table=table: table.to_csv(file, index=False))
     if is_recorded:

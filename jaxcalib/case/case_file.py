@@ -57,8 +57,9 @@ def read_log_section(file: Path) -> tuple[LogSection, str]:
         perception = {"ahead_m": 1.0, "behind_m": 1.0, "reference": "front", "nominal_length_m": 1.0}
         section = _converted({"format": 1, "name": "log", "perception": perception} | data).log
     except CaseError as error:
-        raise_faults(CaseError(file, fault.place, fault.expected) for fault in (error, *error.others))
-        raise
+        first, *others = (CaseError(file, fault.place, fault.expected) for fault in (error, *error.others))
+        first.others = tuple(others)
+        raise first from None
     assert section is not None
     return section, text
 

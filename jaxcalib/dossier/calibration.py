@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from jaxcalib.dossier.evidence import Evidence
-from jaxcalib.dossier.section import Section, between, words_of
+from jaxcalib.dossier.section import Section, between, searched_in, words_of
 from jaxcalib.html.page import percent
 from jaxcalib.measures.registry import safety_measures
 
@@ -33,8 +33,8 @@ def _parameters(section: Section, result: Mapping[str, Any]) -> None:
         elif entry.get("is_identified") is False:  # results of older programs do not say it
             open_ones.append(f"{name} (interval as wide as half of its range)")
     columns = ("parameter", "scenario", "calibrated", "90 % interval", "unit", "where its first value came from")
-    where = "SUMO" if result["confirmation"].get("searched_in_sumo") else "the surrogate"
-    section.show(f"Parameters; intervals by logs and {where}", columns, rows, "result.json: parameter_table")
+    title = f"Parameters; intervals by logs and {searched_in(result['confirmation'])}"
+    section.show(title, columns, rows, "result.json: parameter_table")
     if open_ones:
         section.lack(f"Not identified by these logs: {', '.join(open_ones)}.")
 

@@ -60,11 +60,9 @@ def gather_evidence(
     found_validation = None if validated is None else _read_json(validated)
     found_diagnosis = None if diagnosed is None else _read_json(diagnosed)
     identity = _identity_of(run)
-    unknown = []
     if validated is not None and found_validation is not None:
         _check_validation(validated, found_validation, problem, calibrated)
-    if diagnosed is not None:
-        unknown += _check_diagnosis(diagnosed, identity)
+    unknown = [] if diagnosed is None else _check_diagnosis(diagnosed, identity)
     quoted = [file for file in (validated, diagnosed, statement) if file is not None]
     return Evidence(
         problem=problem,
@@ -130,12 +128,16 @@ def _check_diagnosis(file: Path, identity: Mapping[str, Any]) -> list[str]:
 def _hashes(problem: CalibrationProblem, run: Path, quoted: Sequence[Path]) -> Mapping[str, str]:
     """Return hashes by path: of all that the case consists of, of what RUN holds, and of what is quoted."""
     case = problem.case.folder
-    own = [file for file in case.rglob("*") if file.is_file() and not any(p.startswith(".") for p in file.parts)]
+    own = [file for file in case.rglob("*") if file.is_file() and not _is_hidden(file.relative_to(case))]
     handed_over = [file for file in (run / SCENARIO).rglob("*") if file.is_file()]
     made = [file for file in (run / RESULT, run / IDENTITY_FILE) if file.is_file()]
     named = {_told(file, case, run): file for file in [*own, *files_elsewhere(problem.case), *made, *handed_over]}
     named |= {_told(file, case, run): file for file in quoted}
     return {name: _hash(named[name]) for name in sorted(named)}
+
+
+def _is_hidden(file: Path) -> bool:
+    return any(part.startswith(".") for part in file.parts)
 
 
 def _told(file: Path, case: Path, run: Path) -> str:

@@ -5,7 +5,7 @@ from jaxcalib.dossier.evidence import Evidence
 from jaxcalib.dossier.section import Section, between, number_range, words_of
 
 SHOWN_CAUSES = 5
-FOUND = ("effect", "pair", "class", "unknown", "miscalibrated")  # verdicts by which the simulation is not the road
+FOUND = ("effect", "pair", "class", "unknown")  # verdicts by which the calibrated simulation is not the road
 
 
 def gap(evidence: Evidence) -> Section:

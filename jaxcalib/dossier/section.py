@@ -1,6 +1,6 @@
 """What a dossier is made of: sections of statements and tables, of what speaks against it, and of what is missing."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -61,6 +61,11 @@ class Section:
 def words_of(name: str) -> str:
     """Return a name as words."""
     return name.replace("_", " ")
+
+
+def searched_in(confirmation: Mapping[str, Any]) -> str:
+    """Return which simulator made the runs of a search, and so what sensitivities and intervals rest on."""
+    return "SUMO" if confirmation.get("searched_in_sumo") else "the surrogate"
 
 
 def between(bounds: Sequence[float] | None) -> str:

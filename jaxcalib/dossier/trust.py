@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from jaxcalib.dossier.evidence import Evidence
-from jaxcalib.dossier.section import Section, between, words_of
+from jaxcalib.dossier.section import Section, between, searched_in, words_of
 from jaxcalib.html.page import percent
 from jaxcalib.runs.provenance import commit, versions
 from jaxcalib.runs.run_folder import identify_program
@@ -47,7 +47,8 @@ def numerical_error(evidence: Evidence) -> Section:
         ]
         columns = ("parameter", "range of its effect, in accuracy", "range of noise", "p value")
         failed = f", of which {screening['cases_failed']} cases failed" if screening["cases_failed"] else ""
-        title = f"Sensitivity in {words_of(stage)}, by {screening['array']}{failed}, in the surrogate"
+        where = searched_in(result["confirmation"])
+        title = f"Sensitivity in {words_of(stage)}, by {screening['array']}{failed}, in {where}"
         section.show(title, columns, rows, f"result.json: screening.{stage}")
     _step(section, evidence.validation, step_s)
     section.lack("Verification of SUMO's code and of this program's: rests on their own tests and releases.")

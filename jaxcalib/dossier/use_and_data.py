@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from jaxcalib.dossier.evidence import Evidence
-from jaxcalib.dossier.section import Section
+from jaxcalib.dossier.section import Section, searched_in
 from surrogate.subject.registry import DESCRIPTIONS
 
 # Whoever does not say them is asked under this heading; `accuracy_requirement` under that of the validation.
@@ -114,13 +114,12 @@ def model_and_limits(evidence: Evidence) -> Section:
 
 def _simulators(section: Section, confirmation: Mapping[str, Any]) -> None:
     """In which simulator values were searched, and whether both see the traffic alike."""
-    searched = "the surrogate, and on in SUMO" if confirmation.get("searched_in_sumo") else "the surrogate"
     section.say(
-        f"Values were searched in {searched}; errors, measures and health of the result are SUMO's.",
+        f"Values were searched in {searched_in(confirmation)}; errors, measures and health of the result are SUMO's.",
         "result.json: confirmation",
     )
     for one in confirmation.get("agreement") or ():
         alike = f"in {one['share_alike']:.0%} of the sections surrogate and SUMO drive alike"
         section.say(f"{one['where'].capitalize()}: {alike}.", "result.json: confirmation.agreement")
-        if not one["holds"]:
+        if not one["holds"] and not confirmation.get("searched_in_sumo"):
             section.lack(f"{one['where'].capitalize()}, sensitivities and intervals in SUMO: only {alike}.")

@@ -1,7 +1,6 @@
 """Turns what a calibration found into its result."""
 
 from dataclasses import asdict
-from importlib import metadata
 from typing import Any
 
 import numpy as np
@@ -30,8 +29,7 @@ from jaxcalib.calibration.stages.screening import Screening
 from jaxcalib.case.case import ROLES, Role
 from jaxcalib.measures.measure import MeasureValue
 from jaxcalib.runs.profile import profile
-from jaxcalib.runs.provenance import commit
-from jaxcalib.runs.run_folder import LIBRARIES
+from jaxcalib.runs.provenance import commit, versions
 from jaxcalib.statistics.normal import HALF_WIDTH_90
 from sim_adapters.activity import Activity, doing
 from sim_adapters.interface import RunOutcome
@@ -124,7 +122,7 @@ def build_result(record: CalibrationRecord) -> CalibrationResult:
             ),
             *held_out_warnings(errors),
         ],
-        versions={"jaxcalib": metadata.version("jaxcalib")} | {name: metadata.version(name) for name in LIBRARIES},
+        versions=versions(),
         commit=commit(),
     )  # fmt: skip
 

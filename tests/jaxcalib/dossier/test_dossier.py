@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -314,3 +315,36 @@ def test_a_round_alone_says_nothing_of_scatter_and_half_a_step_of_its_error(
     titles = [table.title for table in section.tables]
     assert "Half the step" in titles
     assert not any("single runs" in title for title in titles)
+
+
+def test_a_case_below_a_hidden_folder_is_hashed_all_the_same_and_hidden_files_of_its_own_are_not(
+    problem: CalibrationProblem, tmp_path: Path
+):
+    case = tmp_path / ".work" / "case"
+    shutil.copytree(CORRIDOR, case)
+    (case / ".note").write_text("nobody's")
+    run = run_with(tmp_path / ".work" / "run", result=result_of(problem))
+    (table,) = [t for t in write_dossier(case, run).sections[-1].tables if t.title == "Files"]
+    names = [row[0] for row in table.rows]
+    assert {"CASE/case.toml", "CASE/scenario/net.net.xml", "RUN/result.json"} <= set(names)
+    assert "CASE/.note" not in names
+
+
+@pytest.mark.parametrize("verdict", ["miscalibrated", "no_gap", "not_testable"])
+def test_only_what_is_missing_speaks_against_the_calibrated_simulation(
+    problem: CalibrationProblem, tmp_path: Path, verdict: str
+):
+    found = DIAGNOSIS | {"verdict": verdict, "effects": []}
+    run = run_with(tmp_path, result=result_of(problem), diagnosis=found)
+    (section,) = [one for one in write_dossier(CORRIDOR, run).sections if one.heading.startswith("The gap")]
+    assert section.failures == []
+
+
+def test_a_search_that_sumo_made_is_told_as_one(problem: CalibrationProblem, tmp_path: Path):
+    result = result_of(problem)
+    result["confirmation"]["searched_in_sumo"] = True
+    dossier = write_dossier(CORRIDOR, run_with(tmp_path, result=result))
+    titles = [table.title for section in dossier.sections for table in section.tables]
+    assert "Parameters; intervals by logs and SUMO" in titles
+    assert any(title.startswith("Sensitivity in stage1") and title.endswith("in SUMO") for title in titles)
+    assert missing_of(dossier, "Model") == ""

@@ -31,9 +31,8 @@ def test_the_scenario_before_calibration_is_not_valid(small_case: Path, tmp_path
     assert found["drives"] == ["d04", "d08"]
     assert found["runs"] == 4 * 2 + 4 + 4 * 2
     halved = found["step_error"]
-    assert (halved["half_step_s"], halved["step_s"]) == (0.5 * problem.parts.scenario.step_s,) + (
-        problem.parts.scenario.step_s,
-    )
+    step_s = problem.parts.scenario.step_s
+    assert (halved["half_step_s"], halved["step_s"]) == (0.5 * step_s, step_s)
     assert (halved["runs"], halved["num_rounds"]) == (8, 4)
     assert set(halved["quantities"]) == set(found["equivalence"])
     speed = halved["quantities"]["traffic_speed_mps"]
@@ -66,7 +65,7 @@ def test_half_the_step_has_twice_as_many(small_problem: CalibrationProblem):
     whole, half = outcomes
     assert whole.status is half.status is Status.OK
     assert half.num_vehicle_steps / whole.num_vehicle_steps == pytest.approx(2.0, rel=0.1)
-    frames = problem.tally_names.index("subject_frames") if "subject_frames" in problem.tally_names else 0
+    frames = problem.tally_names.index("subject_frames")
     assert half.observed[frames] == pytest.approx(whole.observed[frames], rel=0.1)
 
 
