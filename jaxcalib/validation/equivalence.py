@@ -123,8 +123,9 @@ def _errors(
     variances, freedoms = [], []
     for several in (rounds, drives):
         count = len(several)
-        if count < FEWEST_DRIVES:
-            return (math.nan, math.nan), math.nan
+        num_seen = sum(math.isfinite(value(one[None])) for one in several)
+        if num_seen < FEWEST_DRIVES:  # what one of them alone shows has no scatter, however often that one is drawn
+            return NOT_KNOWN, math.nan
         drawn = random.integers(count, size=(NUM_DRAWS, count))
         values = np.asarray([value(several[numbers]) for numbers in drawn])
         # draws of n items scatter by (n - 1) / n less than such items do

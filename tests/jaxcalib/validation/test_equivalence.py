@@ -125,3 +125,17 @@ def test_both_ends_of_the_interval_hold_their_rate_at_margins_of_any_size(margin
 def test_a_field_that_may_be_nothing_has_no_ratio():
     assert np.isnan(fieller_interval(3.0, 1.0, 0.1, 1.0, 1.645)).all()
     assert fieller_interval(11.0, 10.0, 0.0, 0.0, 1.645) == pytest.approx((0.1, 0.1))
+
+
+def test_what_one_round_alone_shows_is_not_known_to_differ():
+    """Of a quantity that a single drive or round shows, each draw has the same value or none."""
+    random = np.random.default_rng(8)
+    field, rounds = observed(random, 20.0, 8), observed(random, 40.0, 12, 8)
+    seen_once = field.tally.copy()
+    seen_once[1:] = 0.0
+    lonely = ObservedDrives(seen_once, {}, np.zeros((8, 1)))
+    alone = ObservedDrives(rounds.tally * (np.arange(12) == 3)[:, None, None], {}, np.zeros(0))
+    for one, other in ((lonely, rounds), (field, alone)):
+        found = compare_within_margins(MEASURES, dict.fromkeys(Moe, Margin(0.1, "here")), NAMES, one, other, random)
+        assert found["traffic_speed_mps"]["verdict"] == OPEN
+        assert found["traffic_speed_mps"]["interval_90"] is None
