@@ -45,6 +45,7 @@ class DriveCounts:
     splits: int  # jumps that split a track
     long_gaps: int  # gaps that were too long to bridge
     tracks: int  # tracks that stay
+    rows_without_length: int = 0  # rows that stay although the vehicle's length, which a distance needs, is missing
     rows_impossible: int = 0  # left out, of tracks that no vehicle of the traffic can have made
 
 
@@ -188,6 +189,9 @@ def lay_out(
         splits=clean.num_splits,
         long_gaps=clean.num_gaps,
         tracks=clean.num_tracks,
+        rows_without_length=0
+        if case.log_form.reference == "front"
+        else int(np.isnan(tables.object_log.length_m).sum()),
         rows_impossible=int(left_out.sum()),
     )
     warnings = [*subject.warnings, *objects.warnings]

@@ -33,7 +33,8 @@ class CarFollowing(Fold):
             names += indexed(f"{actor}_headway_bin", len(HEADWAY_BORDER_S) - 1)
         names += indexed("following_speed_bin", len(SPEED_BORDER_MPS))
         names += indexed("following_speed_bin_gap_s", len(SPEED_BORDER_MPS))
-        names += ["followers", "follower_headway_s", "follower_gap_s", "acceleration_squared", "acceleration_frames"]
+        names += ["background_frames", "followers", "follower_headway_s", "follower_gap_s"]
+        names += ["acceleration_squared", "acceleration_frames"]
         return tuple(names)
 
     def count(self, scene: Scene) -> dict[str, Array]:
@@ -47,6 +48,7 @@ class CarFollowing(Fold):
         gap_s = jnp.where(follows, scene.gap_m / jnp.maximum(speed, 0.1), 0.0)
         counted |= by_index("following_speed_bin", sums_by_class(in_class, follows.astype(jnp.float32)))
         counted |= by_index("following_speed_bin_gap_s", sums_by_class(in_class, gap_s))
+        counted["background_frames"] = jnp.sum(scene.is_background.astype(jnp.float32))
         was_seen = scene.is_background & scene.is_tracked & (scene.interval_s > 0)
         change = (speed - scene.previous_speed_mps) / jnp.maximum(scene.interval_s, 1e-3)
         counted["acceleration_squared"] = jnp.sum(jnp.where(was_seen, change * change, 0.0))
@@ -180,7 +182,7 @@ _VEHICLE_MEANS = (
     ),
     Measure(
         "background_following_share", "share of time in which a vehicle seen follows another", VEHICLE,
-        "background_following_frames", "vehicle_frames",
+        "background_following_frames", "background_frames",
     ),
 )  # fmt: skip
 _BY_SPEED = tuple(

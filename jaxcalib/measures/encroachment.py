@@ -2,7 +2,8 @@
 
 A vehicle that changes lane takes a place that its new leader has just left and its new follower would have reached
 next: the lesser of both times is the change's post-encroachment time. It is told in the first frame in the new lane,
-for vehicles that keep their speeds, and censored where neither neighbour is in range.
+for vehicles that keep their speeds. A neighbour out of range is further away than sensors see; where that is nearer
+than the limit of a conflict, and nobody seen is within it, the change is censored.
 
 Sources: post-encroachment time, Allen, Shin & Cooper (1978), Transp. Res. Rec. 667; told from gaps and speeds at the
 change, as in the FHWA's surrogate safety assessment model (2008). The time watched after a cut-in: `SafetyLimits`.
@@ -10,7 +11,7 @@ Deviation: frames lie half a second apart, so that a gap is up to that much late
 """
 
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from jaxcalib.measures.fold import Fold, by_index, indexed, sums_by_class, within
 from jaxcalib.measures.measure import LeftOut, Level, Measure, Percentile
@@ -31,12 +32,12 @@ class Encroachment(Fold):
 
     def count(self, scene: Scene) -> dict[str, Array]:
         """A scene's part of the tallies."""
-        time_s = post_encroachment_s(scene)
-        seen = scene.is_vehicle & scene.changes_lane & jnp.isfinite(time_s)
+        time_s, limit_s = post_encroachment_s(scene), scene.settings.limits.encroachment_s
+        seen = scene.is_vehicle & scene.changes_lane & ((time_s < limit_s) | sees_for(scene, limit_s))
         in_bin = within(time_s, jnp.asarray(ENCROACHMENT_BORDER_S))
         return {
             "encroaching_changes": jnp.sum(seen.astype(jnp.float32)),
-            "close_changes": jnp.sum((seen & (time_s < scene.settings.limits.encroachment_s)).astype(jnp.float32)),
+            "close_changes": jnp.sum((seen & (time_s < limit_s)).astype(jnp.float32)),
             **by_index("encroachment_bin", sums_by_class(in_bin, seen.astype(jnp.float32))),
         }
 
@@ -69,6 +70,15 @@ def post_encroachment_s(scene: Scene) -> Float[Array, " object"]:
     nobody = jnp.full((1,), jnp.inf, behind_leader.dtype)
     before_follower = jnp.where(scene.has_follower, jnp.concatenate([behind_leader[1:], nobody]), jnp.inf)
     return jnp.maximum(jnp.minimum(behind_leader, before_follower), 0.0)
+
+
+def sees_for(scene: Scene, time_s: Float[Array, ""]) -> Bool[Array, " object"]:
+    """Whether whoever is that time ahead of or behind a vehicle at its speed is seen, be there somebody or not."""
+    frame = scene.frame
+    reach_m = time_s * jnp.maximum(frame.object_speed_mps, scene.settings.least_speed_mps)
+    reach_m = reach_m + scene.settings.nominal_length_m
+    ahead = scene.has_leader | (frame.ahead_m - frame.object_offset_m >= reach_m)
+    return ahead & (scene.has_follower | (frame.object_offset_m + frame.behind_m >= reach_m))
 
 
 def _measures(settings: MeasureSettings) -> list[Measure]:

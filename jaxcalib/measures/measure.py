@@ -44,6 +44,7 @@ class LeftOut(enum.Enum):
     # surrogate and SUMO share their equations of motion but not every single acceleration: SUMO averages some limit
     # cycles of one step only in what vehicles do, not in how they accelerate
     SINGLE_STEPS = "it depends on single steps"
+    FEW = "a drive shows few of it"
     # tails are what a simulation is judged by, not what it is fitted to, and far from normal
     SAFETY = "it describes the rare and dangerous"
 
@@ -92,6 +93,18 @@ class Measure:
     def is_rate(self) -> bool:
         """Whether it counts events over an exposure, of which the events are the observations."""
         return self.observations == self.numerator
+
+    @property
+    def is_tested(self) -> bool:
+        """Whether a validation asks if chance explains its difference.
+
+        Distributions are compared whole, not bin by bin, and what follows from others would only be asked again.
+        """
+        return self.moe is not None or self.left_out not in (LeftOut.BIN, LeftOut.FOLLOWS)
+
+    def num_telling(self, num_observations: float) -> float:
+        """How many of its observations its value rests on."""
+        return num_observations
 
     def tallies(self) -> tuple[str, ...]:
         """The tallies that it needs."""
@@ -152,6 +165,10 @@ class Percentile(Measure):
     is_quotient = False
     borders: tuple[float, ...] = ()
     share: float = 0.5
+
+    def num_telling(self, num_observations: float) -> float:
+        """Those on the smaller side of it: a hundredth of 50 is half an observation."""
+        return num_observations * min(self.share, 1.0 - self.share)
 
     def tallies(self) -> tuple[str, ...]:
         """The tallies that it needs."""

@@ -3,13 +3,33 @@
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Num
 
+from sim_adapters.scenario.ending_lanes import ending_lanes
 from sim_adapters.scenario.road_builder import RowMap
 from sim_adapters.scenario.scenario import Scenario
 
 LONGEST_SECTION_M = 800.0
 SHORTEST_SECTION_M = 300.0
+
+
+class EndingRows(eqx.Module):
+    """Rows that end, or lead off the carriageway, before the road does; the same row may do so several times."""
+
+    row: Float[Array, " ending"]
+    begin_m: Float[Array, " ending"]  # where it begins
+    end_m: Float[Array, " ending"]  # where it ends
+    leads_off: Float[Array, " ending"]  # 1 if it goes on to an exit
+
+    def end_m_at(
+        self, row: Num[Array, " object"], position_m: Float[Array, " object"], only_leading_off: bool = False
+    ) -> Float[Array, " object"]:
+        """Return where the row ends that is at a position; inf where it goes on as long as the road."""
+        is_there = (row == self.row[:, None]) & (position_m >= self.begin_m[:, None])
+        is_there &= position_m < self.end_m[:, None]
+        if only_leading_off:
+            is_there &= self.leads_off[:, None] > 0
+        return jnp.min(jnp.where(is_there, self.end_m[:, None], jnp.inf), axis=0, initial=jnp.inf)
 
 
 class ObservedRoad(eqx.Module):
@@ -20,6 +40,7 @@ class ObservedRoad(eqx.Module):
     lane_m: Float[Array, " knot"]  # metres of lane upstream of each knot
     # place of each row from right to left; rows that share a stretch of road differ in it
     lateral_order: Float[Array, " row"]
+    ending: EndingRows  # rows that must be left in time
 
     @property
     def num_sections(self) -> int:
@@ -55,7 +76,14 @@ def observe_road(scenario: Scenario) -> ObservedRoad:
         knot_m=jnp.asarray(knots, jnp.float32),
         lane_m=jnp.asarray(lane_m, jnp.float32),
         lateral_order=jnp.asarray(_lateral_order(scenario.row_map), jnp.float32),
+        ending=_ending_rows(scenario.row_map),
     )
+
+
+def _ending_rows(row_map: RowMap) -> EndingRows:
+    lanes = ending_lanes(row_map)
+    columns = [[float(value) for value in (one.row, one.begin_m, one.end_m, one.leads_off)] for one in lanes]
+    return EndingRows(*jnp.asarray(np.asarray(columns, np.float32).reshape(-1, 4).T))
 
 
 def _section_borders(scenario: Scenario) -> np.ndarray:

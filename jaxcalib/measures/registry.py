@@ -8,16 +8,18 @@ from jaxcalib.measures import (
     cut_in,
     encounters,
     encroachment,
+    fundamental_diagram,
     jerk,
     lane_change,
     overtaking,
+    route_bound_change,
     safety,
     traffic_flow,
 )
 from jaxcalib.measures.fold import Fold
 from jaxcalib.measures.measure import Measure, Moe
 from jaxcalib.measures.measure_group import MeasureGroup
-from jaxcalib.measures.observed_road import ObservedRoad
+from jaxcalib.measures.observed_road import EndingRows, ObservedRoad
 from jaxcalib.measures.scene import MeasureSettings
 
 # in this order in results, in the objective and in the vector of tallies
@@ -31,6 +33,8 @@ GROUPS: tuple[MeasureGroup, ...] = (
     encroachment.GROUP,
     jerk.GROUP,
     encounters.GROUP,
+    route_bound_change.GROUP,
+    fundamental_diagram.GROUP,
 )
 
 
@@ -59,6 +63,7 @@ def safety_measures() -> tuple[str, ...]:
 
 def _any_settings() -> MeasureSettings:
     none, zero = jnp.zeros(0), jnp.zeros(())
-    road = ObservedRoad(section_border_m=jnp.zeros(1), knot_m=none, lane_m=none, lateral_order=none)
+    ending = EndingRows(none, none, none, none)
+    road = ObservedRoad(section_border_m=jnp.zeros(1), knot_m=none, lane_m=none, lateral_order=none, ending=ending)
     limits = SafetyLimits(*(jnp.asarray(limit) for limit in USUAL_LIMITS))
     return MeasureSettings(road, zero, zero, zero, limits, num_tracks=1, num_target_gap_classes=1)

@@ -12,19 +12,17 @@ Deviation: gaps take the nominal length of every leader, and states are those of
 """
 
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from jaxcalib.case.safety_limits import SafetyLimits
 from jaxcalib.measures.fold import Fold, by_index, indexed, sums_by_class, within
 from jaxcalib.measures.measure import LeftOut, Level, Measure, Percentile
 from jaxcalib.measures.measure_group import MeasureGroup
-from jaxcalib.measures.scene import MeasureSettings, Scene
+from jaxcalib.measures.scene import LEAST_CLOSING_MPS, LEAST_GAP_M, MeasureSettings, Scene
 from sim_adapters.units import METRES_PER_KILOMETRE
 
 VEHICLE = Level.VEHICLE
 
-LEAST_CLOSING_MPS = 0.1  # less is the rounding of speeds
-LEAST_GAP_M = 0.1  # nominal lengths may overlap where real ones do not
 TTC_BORDER_S = (0.0, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 20.0, 40.0)
 DRAC_BORDER_MPS2 = (0.0, 0.05, 0.1, 0.2, 0.3, 0.4, 0.6, 0.8, 1.0, 1.5, 2.0, 3.0, 4.0, 1000.0)
 KM_PER_1000_KM = 1000.0
@@ -39,7 +37,7 @@ class Conflicts(Fold):
         for actor in ("subject", "background"):
             names += [f"{actor}_{part}" for part in _PARTS]
             names += indexed(f"{actor}_ttc_bin", len(TTC_BORDER_S) - 1)
-            names += indexed(f"{actor}_drac_bin", len(DRAC_BORDER_MPS2) - 1)
+            names += indexed(f"{actor}_approach_bin", len(DRAC_BORDER_MPS2) - 1)
         return (*names, "cut_in_time_gap_s", "cut_in_drac_mps2")
 
     def count(self, scene: Scene) -> dict[str, Array]:
@@ -47,10 +45,9 @@ class Conflicts(Fold):
         limits, speed = scene.settings.limits, scene.frame.object_speed_mps
         leader_speed = _of_leader(speed)
         gap = jnp.maximum(scene.gap_m, LEAST_GAP_M)
-        closing = jnp.where(scene.has_leader, speed - leader_speed, 0.0)
-        closes = closing > LEAST_CLOSING_MPS
+        closing, drac = scene.closing_mps, scene.drac_mps2
+        closes = closing > 0.0
         ttc = jnp.where(closes, gap / jnp.where(closes, closing, 1.0), jnp.inf)
-        drac = jnp.where(closes, closing * closing / (2.0 * gap), 0.0)
         acceleration = scene.acceleration_mps2
         needed = braking_needed(gap, speed, leader_speed, _of_leader(acceleration))
         threat = jnp.where(scene.has_leader, needed / limits.full_braking_mps2, 0.0)
@@ -71,9 +68,10 @@ class Conflicts(Fold):
                 "distance_seen_m": jnp.where(is_actor & scene.is_tracked, scene.interval_s * speed, 0.0),
             }
             counted |= {f"{actor}_{part}": jnp.sum(values) for part, values in parts.items()}
-            for name, values, borders in (("ttc", ttc, TTC_BORDER_S), ("drac", drac, DRAC_BORDER_MPS2)):
-                in_bin = sums_by_class(within(values, jnp.asarray(borders)), (seen & closes).astype(jnp.float32))
-                counted |= by_index(f"{actor}_{name}_bin", in_bin)
+            in_bin = sums_by_class(within(ttc, jnp.asarray(TTC_BORDER_S)), (seen & closes).astype(jnp.float32))
+            counted |= by_index(f"{actor}_ttc_bin", in_bin) | by_index(
+                f"{actor}_approach_bin", _approaches(scene, seen)
+            )
         return counted | _at_cut_in(scene, gap, drac)
 
 
@@ -111,6 +109,15 @@ def braking_needed(
     to_match = jnp.where((closing > 0.0) & ~stands_first, while_moving, 0.0)
     needed = jnp.maximum(to_match, jnp.where(braking > 0.0, to_stand, 0.0))
     return jnp.where(speed_mps > LEAST_CLOSING_MPS, needed, 0.0)
+
+
+def _approaches(scene: Scene, seen: Bool[Array, " object"]) -> Float[Array, " class"]:
+    """Approaches by the hardest deceleration that they need: one that becomes harder goes over to the next class."""
+    weight = seen.astype(jnp.float32)
+    borders = jnp.asarray(DRAC_BORDER_MPS2)
+    goes_on = weight * (scene.approach_mps2 > 0.0) * (scene.approached_mps2 > 0.0)
+    so_far = sums_by_class(within(scene.approach_mps2, borders), weight * (scene.approach_mps2 > 0.0))
+    return so_far - sums_by_class(within(scene.approached_mps2, borders), goes_on)
 
 
 def _of_leader(values: Float[Array, " object"]) -> Float[Array, " object"]:

@@ -42,6 +42,7 @@ class Memory(eqx.Module):
     subject_acceleration_mps2: Float[Array, ""]  # in the last frame
     knows_acceleration: Float[Array, ""]  # 1 if it is known
     leader_braked_mps2: Float[Array, ""]  # hardest deceleration of its leader since that brakes; 0 if it does not
+    approach_mps2: Float[Array, " track"]  # hardest deceleration that its approach has needed so far; 0 if it has none
 
 
 class Scene(eqx.Module):
@@ -73,6 +74,10 @@ class Scene(eqx.Module):
     # space between the rear of the leader and the front of the follower; inf if one is not in range
     target_gap_m: Float[Array, " object"]
     seen_target_gap_m: Float[Array, " object"]  # as much of that space as is within range
+    closing_mps: Float[Array, " object"]  # how much faster than its leader it is; 0 without, or if it is hardly so
+    drac_mps2: Float[Array, " object"]  # deceleration that avoids a crash with a leader who keeps its speed
+    approach_mps2: Float[Array, " object"]  # its greatest value since it has been closing in; 0 if it is not
+    approached_mps2: Float[Array, " object"]  # the same up to the frame before
     acceleration_mps2: Float[Array, " object"]  # change of speed since the frame before; 0 if it was not seen then
     cuts_in: Bool[Array, " object"]  # whether it has become the subject vehicle's leader, while that stays in its lane
     since_cut_in_s: Float[Array, ""]  # time since that happened last, before this frame; inf if it did not
@@ -106,9 +111,11 @@ def nothing_remembered(num_tracks: int) -> Memory:
     """Return the memory before the first frame."""
     zero = jnp.zeros((num_tracks,), jnp.float32)
     never, none = jnp.full_like(zero, -jnp.inf), jnp.zeros((), jnp.float32)
-    return Memory(never, zero, zero, zero, zero, -never, zero, none - jnp.inf, none, none, none)
+    return Memory(never, zero, zero, zero, zero, -never, zero, none - jnp.inf, none, none, none, zero)
 
 
+LEAST_CLOSING_MPS = 0.1  # less is the rounding of speeds
+LEAST_GAP_M = 0.1  # nominal lengths may overlap where real ones do not
 LEADER_BRAKES_MPS2 = 1.0  # more than traffic that swings does by itself
 OFF_CENTRE_M = 0.4  # further from the centre of the lane, a vehicle is changing lane (half the play in a 3.2-m lane)
 
@@ -156,7 +163,9 @@ def look(frame: PerceptionFrame, memory: Memory, previous_s: Float[Array, ""], s
     since = jnp.where(is_tracked, recall(memory.off_centre_since_s), jnp.inf)
     had_crossed = is_tracked & (recall(memory.crossed) > 0)
     is_over = is_centred & (had_crossed | changes)
-    crossing = jnp.where(jnp.isfinite(since), frame.time_s - since, 0.0)
+    # whoever is in the centre of one lane, and in the next frame in that of another, was not seen to cross: SUMO's
+    # vehicles do not where changes take no time
+    crossing = jnp.where(jnp.isfinite(since), frame.time_s - since, jnp.nan)
     previous_speed = recall(memory.speed_mps)
     interval = jnp.where(previous_s > -jnp.inf, frame.time_s - previous_s, 0.0)
     acceleration = jnp.where(is_tracked, speed - previous_speed, 0.0) / jnp.maximum(interval, 1e-3)
@@ -168,6 +177,10 @@ def look(frame: PerceptionFrame, memory: Memory, previous_s: Float[Array, ""], s
     brakes = jnp.sum(jnp.where(stays & has_leader, leader_brakes, 0.0))
     leads_subject = jnp.concatenate([(stays & has_leader)[1:], nobody])
     cuts_in = leads_subject & changes
+    faster = jnp.where(has_leader, speed - jnp.concatenate([edge, speed[:-1]]), 0.0)
+    closing = jnp.where(faster > LEAST_CLOSING_MPS, faster, 0.0)
+    drac = closing * closing / (2.0 * jnp.maximum(spacing - settings.nominal_length_m, LEAST_GAP_M))
+    approached = jnp.where(is_tracked, recall(memory.approach_mps2), 0.0)
     return Scene(
         frame=frame,
         settings=settings,
@@ -194,6 +207,11 @@ def look(frame: PerceptionFrame, memory: Memory, previous_s: Float[Array, ""], s
         moves_left=jnp.where(changes, jnp.sign(here - before), 0.0),
         target_gap_m=jnp.where(has_leader & has_follower, seen_target_gap, jnp.inf),
         seen_target_gap_m=seen_target_gap,
+        closing_mps=closing,
+        drac_mps2=drac,
+        # the first frame in which it is seen counts for nothing that takes time, and begins no approach
+        approach_mps2=jnp.where(is_tracked & (closing > 0.0), jnp.maximum(drac, approached), 0.0),
+        approached_mps2=approached,
         acceleration_mps2=acceleration,
         cuts_in=cuts_in,
         since_cut_in_s=frame.time_s - memory.cut_in_s,
@@ -225,4 +243,5 @@ def remember(memory: Memory, scene: Scene) -> Memory:
         subject_acceleration_mps2=scene.at_subject(scene.acceleration_mps2),
         knows_acceleration=scene.at_subject(scene.is_tracked.astype(jnp.float32)),
         leader_braked_mps2=scene.leader_braking_mps2,
+        approach_mps2=note(memory.approach_mps2, scene.approach_mps2),
     )

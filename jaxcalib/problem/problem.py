@@ -23,7 +23,13 @@ from jaxcalib.measures.observed_road import ObservedRoad, observe_road
 from jaxcalib.measures.registry import all_folds, all_measures
 from jaxcalib.measures.scene import MeasureSettings
 from jaxcalib.measures.whole_drive import WholeDriveFold
-from jaxcalib.problem.drive_warnings import counted_in_parts, coverage_warnings, departure_warnings, one_sided_warnings
+from jaxcalib.problem.drive_warnings import (
+    counted_in_parts,
+    coverage_warnings,
+    departure_warnings,
+    length_warnings,
+    one_sided_warnings,
+)
 from jaxcalib.problem.inputs import read_scenario_of
 from jaxcalib.problem.parameter_layout import layout_of
 from jaxcalib.problem.problem_checks import (
@@ -120,6 +126,7 @@ class CalibrationProblem:
         own += departure_warnings(self.case, self.drives)
         own += one_sided_warnings(self.case, self.drives)
         own += coverage_warnings(self.drives, self.scenario.network.length_m)
+        own += length_warnings(self.case, self.scenario, self.drives)
         return (
             *own,
             *self.scenario.warnings,
@@ -185,7 +192,10 @@ def read_problem(folder: Path | str, *, as_stated: bool = False) -> CalibrationP
         measures=all_measures(settings),
         drives=drives,
         field_tally=counted_in_parts(
-            np.stack(field_tally), drives, scenario.network.length_m, tally.names.index("drives")
+            np.stack(field_tally),
+            drives,
+            scenario.network.length_m,
+            {name: index for index, name in enumerate(tally.names)},
         ),
         sensor_errors=logs.sensor_errors,
         log_warnings=(*logs.left_out, *logs.contradictions, *range_warnings(stated, seen), *corrections),

@@ -14,7 +14,7 @@ from jaxcalib.validation.observer import ObservedDrives
 from jaxcalib.validation.prediction import PROBABILITY, Prediction, exceedance, predict, upper_limit
 from jaxcalib.validation.trajectories import passing_rmse_s, speed_rmse_mps, travel_times_s
 
-FEWEST_EVENTS = 5.0  # a field that shows fewer says nothing of a measure
+FEWEST_EVENTS = 5.0  # observations that a value must rest on to say something
 SIGNIFICANCE = 0.05
 Table = dict[str, dict[str, Any]]
 ErrorOf = Callable[[np.ndarray, np.ndarray], float]
@@ -23,31 +23,45 @@ ErrorOf = Callable[[np.ndarray, np.ndarray], float]
 def compare_measures(
     measures: Mapping[str, Measure], tally_names: tuple[str, ...], field: ObservedDrives, rounds: ObservedDrives
 ) -> Table:
-    """Return every measure: the field's value beside what rounds of as many simulated drives show, [round, drive]."""
+    """Return every measure: the field's value beside what rounds of as many simulated drives show, [round, drive].
+
+    A probability stands where the measure is tested (`Measure.is_tested`), field and every round show it, and they rest
+    on enough observations in the mean: chosen by the field's number alone, a test would be of a field that is unlike
+    rounds.
+    """
     real = dict(zip(tally_names, field.tally.sum(axis=0), strict=True))
     simulated = [dict(zip(tally_names, tallies, strict=True)) for tallies in rounds.tally.sum(axis=1)]
     table: Table = {}
-    predictions: dict[str, Prediction | None] = {}
     for name, measure in measures.items():
         in_field = measure.value(real)
-        values = np.asarray([measure.value(tallies).value for tallies in simulated], float)
-        is_enough = in_field.is_valid and in_field.num_observations >= FEWEST_EVENTS
-        predictions[name] = predict(values, in_field.value if is_enough else float("nan"))
-        few = "" if is_enough else f"fewer than {FEWEST_EVENTS:.0f} observations in the field"
+        found = [measure.value(tallies) for tallies in simulated]
+        values = np.asarray([one.value for one in found], float)
+        prediction = predict(values, in_field.value)
+        telling = measure.num_telling(float(np.mean([one.num_observations for one in (in_field, *found)])))
+        is_enough = telling >= FEWEST_EVENTS and bool(np.isfinite(values).all())
+        is_tested = measure.is_tested and in_field.is_valid and is_enough
+        few = "" if is_enough else f"rests on fewer than {FEWEST_EVENTS:.0f} observations"
         table[name] = {
             "field": rounded(in_field.value),
             "num_observations": rounded(in_field.num_observations),
-            **_prediction_entry(predictions[name]),
+            **_prediction_entry(prediction),
             "note": in_field.reason or few,
-        }
-    p_values = np.asarray([prediction.p_value if prediction else np.nan for prediction in predictions.values()])
-    for name, p_value, adjusted in zip(table, p_values, holm(p_values), strict=True):
-        table[name] |= {
-            "p_value": rounded(float(p_value)),
-            "p_adjusted": rounded(float(adjusted)),
-            "is_beyond_chance": bool(adjusted < SIGNIFICANCE) if np.isfinite(adjusted) else None,
+            "p_value": rounded(prediction.p_value) if prediction and is_tested else None,
         }
     return table
+
+
+def correct_together(*tables: Table) -> None:
+    """Write into all entries with a `p_value` what it is among all of them, and whether that is beyond chance.
+
+    A simulation that is right fails one test in twenty: probabilities are corrected for the number of all tests.
+    """
+    entries = [entry for table in tables for entry in table.values()]
+    p_values = np.asarray([entry["p_value"] for entry in entries], float)  # None becomes nan
+    for entry, adjusted in zip(entries, holm(p_values), strict=True):
+        is_known = bool(np.isfinite(adjusted))
+        entry["p_adjusted"] = rounded(float(adjusted)) if is_known else None
+        entry["is_beyond_chance"] = bool(adjusted < SIGNIFICANCE) if is_known else None
 
 
 def compare_distributions(field: ObservedDrives, rounds: ObservedDrives) -> Table:

@@ -34,7 +34,8 @@ def compare_encounters(
     Returns:
         By kind: counts `field` and `simulated` (mean over rounds) by severity, null for all kinds; `recall`,
         `precision` and `f1` (means over rounds; null where there is nothing to recall); and the F1 of each round
-        against all others: their mean, `among_simulated`, and the `limit` below which 5 % of them lie.
+        against all others: their mean, `among_simulated`, and the `limit` below which at most one right simulation
+        in twenty lies, null for fewer than 19 rounds.
     """
     number = {name: index for index, name in enumerate(tally_names)}
     kinds: dict[str, list[str]] = {kind: [kind] for kind in KINDS} | {ALL: list(KINDS)}
@@ -54,9 +55,15 @@ def compare_encounters(
             "precision": rounded(precision),
             "f1": rounded(f1),
             "among_simulated": rounded(float(known.mean())) if len(known) else None,
-            "limit": rounded(float(np.quantile(known, LOWEST_SHARE))) if len(known) else None,
+            "limit": _limit(known),
         }
     return table
+
+
+def _limit(f1: Float[np.ndarray, " round"]) -> float | None:
+    """The order statistic below which one more of as many falls at most so often; None where none does."""
+    place = int(LOWEST_SHARE * (len(f1) + 1))
+    return rounded(float(np.sort(f1)[place - 1])) if place else None
 
 
 def _by_severity(counts: Float[np.ndarray, " severity"]) -> dict[str, float | None]:

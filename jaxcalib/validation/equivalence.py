@@ -4,7 +4,8 @@ That a test finds no difference is no evidence that there is none. So the questi
 ask whether the difference lies above the lower and below the upper end of the margin, and only where both say yes at
 5 % is a quantity called equivalent; where the whole interval lies outside, it is different.
 
-Drives and rounds are drawn anew, each for itself, to know the errors of both sides; with few drives the quantiles of
+Drives and rounds are drawn anew to know the errors of both sides; a drive is drawn on both sides at once, since it is
+the same hour of the same road: that hours differ makes no difference uncertain. With few drives the quantiles of
 Student's t are the wider ones that these errors need.
 
 Sources: Schuirmann (1987), J. Pharmacokinet. Biopharm. 15, 657-680; the bootstrap's standard error, Efron & Tibshirani
@@ -13,6 +14,7 @@ Sources: Schuirmann (1987), J. Pharmacokinet. Biopharm. 15, 657-680; the bootstr
 
 import math
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -40,6 +42,8 @@ def compare_within_margins(
     field: ObservedDrives,
     rounds: ObservedDrives,
     random: np.random.Generator,
+    *,
+    shares_drives: bool = True,
 ) -> dict[str, dict[str, Any]]:
     """Return for each measure that gives an MoE how far simulation and field are apart, and what that says.
 
@@ -50,47 +54,62 @@ def compare_within_margins(
         field: the field's drives, [drive].
         rounds: rounds of as many simulated ones, [round, drive].
         random: of the draws.
+        shares_drives: whether the field's drives are those of a round, in the same order.
 
     Returns:
         By the measure's name: `field`, `simulated`, `difference` (of the simulated value from the field's, as a share
         of the field's) with `interval_90`, `margin`, `source`, `verdict`, `more_drives` (how many more would tell; null
         where that is not known) and a `note`.
     """
-    of_rounds = rounds.tally.sum(axis=1)
+    number = {name: index for index, name in enumerate(tally_names)}
     table = {}
     for name, measure in measures.items():
         if measure.moe is None:
             continue
 
-        def value(tallies: np.ndarray, measure: Measure = measure) -> float:
-            return measure.value(dict(zip(tally_names, tallies.sum(axis=0), strict=True))).value
+        needed = measure.tallies()
+        columns = [number[tally] for tally in needed]
+        drives, runs = field.tally[:, columns], rounds.tally[:, :, columns]
 
-        in_field = measure.value(dict(zip(tally_names, field.tally.sum(axis=0), strict=True)))
+        def value(tallies: np.ndarray, measure: Measure = measure, names: tuple[str, ...] = needed) -> float:
+            return measure.value(dict(zip(names, tallies, strict=True))).value
+
+        in_field = measure.value(dict(zip(needed, drives.sum(axis=0), strict=True)))
+        simulated = value(runs.sum(axis=(0, 1)))
         margin = margins[measure.moe]
-        entry: dict[str, Any] = {"field": rounded(in_field.value), "simulated": rounded(value(of_rounds))}
+        entry: dict[str, Any] = {"field": rounded(in_field.value), "simulated": rounded(simulated)}
         entry |= {"margin": margin.share, "source": margin.source}
         fewest = min(FEWEST_EVENTS, len(field.tally))  # what each drive shows once is one for each
         if not in_field.is_valid or in_field.num_observations < fewest or in_field.value == 0.0:
             words = in_field.reason or f"fewer than {fewest:.0f} observations in the field"
             table[name] = entry | _verdict(math.nan, NOT_KNOWN, margin.share, len(field.tally)) | {"note": words}
             continue
-        difference = (value(of_rounds) - in_field.value) / in_field.value
-        variances, freedom = _errors(value, field.tally, of_rounds, random)
-        interval = fieller_interval(
-            value(of_rounds), in_field.value, *variances, float(stats.t.ppf(1.0 - ONE_SIDED, freedom))
-        )
+        difference = (simulated - in_field.value) / in_field.value
+        spread = _spread(value, drives, runs, random, shares_drives=shares_drives)
+        interval = NOT_KNOWN
+        if spread is not None:
+            freedom = spread.freedom(simulated / in_field.value)
+            quantile = float(stats.t.ppf(1.0 - ONE_SIDED, freedom))
+            interval = fieller_interval(
+                simulated, in_field.value, spread.simulated, spread.field, quantile, spread.covariance
+            )
         table[name] = entry | _verdict(difference, interval, margin.share, len(field.tally)) | {"note": ""}
     return table
 
 
 def fieller_interval(
-    simulated: float, field: float, simulated_variance: float, field_variance: float, quantile: float
+    simulated: float,
+    field: float,
+    simulated_variance: float,
+    field_variance: float,
+    quantile: float,
+    covariance: float = 0.0,
 ) -> tuple[float, float]:
     """Return the interval of simulated / field - 1, which knows that the field's value is no more certain than it is.
 
-    A ratio of 1 + m lies in it exactly if simulated - (1 + m) field, whose variance is that of the simulated value and
-    (1 + m)^2 times the field's, is no farther from 0 than chance: so both one-sided tests hold their 5 % at margins of
-    any size, which an interval with the field's value as its unit does not.
+    A ratio of 1 + m lies in it exactly if simulated - (1 + m) field is no farther from 0 than chance. The variance of
+    that is the simulated value's, (1 + m)^2 times the field's, less twice (1 + m) times their covariance. So both
+    one-sided tests hold their 5 % at margins of any size, which an interval in units of the field's value does not.
 
     Args:
         simulated: mean of the rounds.
@@ -98,6 +117,7 @@ def fieller_interval(
         simulated_variance: of that mean.
         field_variance: of that value.
         quantile: of Student's t.
+        covariance: of both.
 
     Returns:
         The interval; nan where the field's value cannot be told from 0.
@@ -107,35 +127,77 @@ def fieller_interval(
     certain = field**2 - quantile**2 * field_variance
     if not (math.isfinite(certain) and certain > 0.0):
         return math.nan, math.nan
-    under = field**2 * simulated_variance + simulated**2 * field_variance
-    reach = quantile * math.sqrt(max(under - quantile**2 * simulated_variance * field_variance, 0.0))
-    centre = simulated * field
+    centre = simulated * field - quantile**2 * covariance
+    square = centre**2 - certain * (simulated**2 - quantile**2 * simulated_variance)
+    reach = math.sqrt(max(square, 0.0))
     return (centre - reach) / certain - 1.0, (centre + reach) / certain - 1.0
 
 
-def _errors(
+@dataclass(frozen=True)
+class _Spread:
+    """How both sides of a difference scatter."""
+
+    of_rounds: float  # variance of the simulated value, rounds drawn anew
+    num_rounds: int
+    of_drives: float  # variance of the simulated value, drives drawn anew
+    field: float  # variance of the field's value
+    num_drives: int
+    covariance: float  # of both, drives drawn anew
+
+    @property
+    def simulated(self) -> float:
+        """Variance of the simulated value."""
+        return self.of_rounds + self.of_drives
+
+    def freedom(self, ratio: float) -> float:
+        """Degrees of freedom of the simulated value less a multiple of the field's."""
+        by_drives = max(self.of_drives - 2.0 * ratio * self.covariance + ratio**2 * self.field, 0.0)
+        parts = ((self.of_rounds, self.num_rounds - 1), (by_drives, self.num_drives - 1))
+        total = self.of_rounds + by_drives
+        if not total > 0.0:
+            return float(min(freedom for _, freedom in parts))
+        return total**2 / sum(variance**2 / freedom for variance, freedom in parts)
+
+
+def _spread(
     value: Callable[[np.ndarray], float],
     drives: Float[np.ndarray, "drive tally"],
-    rounds: Float[np.ndarray, "round tally"],
+    runs: Float[np.ndarray, "round drive tally"],
     random: np.random.Generator,
-) -> tuple[tuple[float, float], float]:
-    """Return the variances of the values of rounds and of drives, and the degrees of freedom of their difference."""
-    variances, freedoms = [], []
+    *,
+    shares_drives: bool,
+) -> _Spread | None:
+    """Return how both values scatter; None where one of them alone shows something, which has no scatter."""
+    rounds = runs.sum(axis=1)
     for several in (rounds, drives):
-        count = len(several)
-        num_seen = sum(math.isfinite(value(one[None])) for one in several)
-        if num_seen < FEWEST_DRIVES:  # what one of them alone shows has no scatter, however often that one is drawn
-            return NOT_KNOWN, math.nan
-        drawn = random.integers(count, size=(NUM_DRAWS, count))
-        values = np.asarray([value(several[numbers]) for numbers in drawn])
-        # draws of n items scatter by (n - 1) / n less than such items do
-        variances.append(float(np.nanvar(values)) * count / (count - 1))
-        freedoms.append(count - 1)
-    total = sum(variances)
-    both = (variances[0], variances[1])
-    if not total > 0.0:
-        return both, float(min(freedoms))
-    return both, total**2 / sum(variance**2 / freedom for variance, freedom in zip(variances, freedoms, strict=True))
+        if sum(math.isfinite(value(one)) for one in several) < FEWEST_DRIVES:
+            return None
+    of_rounds = _drawn(value, rounds, _numbers(len(rounds), random))
+    numbers = _numbers(len(drives), random)
+    field = _drawn(value, drives, numbers)
+    together = _drawn(value, runs.sum(axis=0), numbers) if shares_drives else np.zeros(NUM_DRAWS)
+    is_known = np.isfinite(field) & np.isfinite(together)
+    # draws of n items scatter by (n - 1) / n less than such items do
+    by_rounds, by_drives = (count / (count - 1) for count in (len(rounds), len(drives)))
+    covariance = np.cov(together[is_known], field[is_known], bias=True)[0, 1] if is_known.sum() > 1 else 0.0
+    return _Spread(
+        of_rounds=float(np.nanvar(of_rounds)) * by_rounds,
+        num_rounds=len(rounds),
+        of_drives=float(np.nanvar(together)) * by_drives,
+        field=float(np.nanvar(field)) * by_drives,
+        num_drives=len(drives),
+        covariance=float(covariance) * by_drives,
+    )
+
+
+def _numbers(count: int, random: np.random.Generator) -> np.ndarray:
+    return random.integers(count, size=(NUM_DRAWS, count))
+
+
+def _drawn(
+    value: Callable[[np.ndarray], float], several: Float[np.ndarray, "item tally"], numbers: np.ndarray
+) -> Float[np.ndarray, " draw"]:
+    return np.asarray([value(tallies) for tallies in several[numbers].sum(axis=1)])
 
 
 def _verdict(difference: float, interval: tuple[float, float], margin: float, num_drives: int) -> dict[str, Any]:

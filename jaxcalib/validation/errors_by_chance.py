@@ -13,13 +13,16 @@ from jaxcalib.validation.comparison import Table
 from jaxcalib.validation.observer import ObservedDrives
 from sim_adapters.interface import RunOutcome
 
-NUM_DRAWS = 1000  # of field-like sets, enough for p values of a few in a thousand
+NUM_DRAWS = 1000  # of field-like sets
 
 
 def error_table(
     problem: CalibrationProblem, role: Role, simulated: ObservedDrives, outcomes: Sequence[RunOutcome]
 ) -> Table:
-    """Return each error with its 90 % interval, and how often chance alone makes as much."""
+    """Return each error with its 90 % interval, and what chance alone makes.
+
+    They are no tests of their own: each is the difference of a measure that is tested.
+    """
     num_rounds, num_drives, num_tallies = simulated.tally.shape
     runs = FinalRuns(
         simulated.tally.reshape(-1, num_tallies), np.tile(np.arange(num_drives), num_rounds), tuple(outcomes)
@@ -38,7 +41,6 @@ def error_table(
             "interval_90": errors.interval[name],
             "among_simulated": rounded(float(by_chance.mean())) if is_known else None,
             "limit": rounded(float(np.quantile(by_chance, 0.95))) if is_known else None,
-            "p_value": rounded(float((1 + (by_chance >= value).sum()) / (1 + len(by_chance)))) if is_known else None,
         }
     return table
 

@@ -5,7 +5,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from jaxcalib.calibration.stages.evaluator import MOST_FAILED_SHARE
-from jaxcalib.statistics.multiple_tests import holm
 from jaxcalib.validation.comparison import SIGNIFICANCE, Table
 from jaxcalib.validation.criterion import FHWA_2004, FHWA_2019, OWN, Criterion, at_least, at_most, not_testable
 from jaxcalib.validation.volumes import GEH_STANDARD
@@ -28,12 +27,8 @@ def health_criteria(outcomes: Sequence[RunOutcome]) -> list[Criterion]:
     ]
 
 
-def chance_criteria(measures: Table, distributions: Table, trajectories: Table, errors: Table) -> list[Criterion]:
-    """Return whether field and simulation differ by no more than chance.
-
-    A simulation that is right fails one test in twenty, so p values are corrected for their number: those of measures
-    among themselves, those of distributions, trajectories and errors together.
-    """
+def chance_criteria(measures: Table, distributions: Table, trajectories: Table) -> list[Criterion]:
+    """Return whether field and simulation differ by no more than chance; probabilities have been corrected together."""
     tested = [name for name, entry in measures.items() if entry["is_beyond_chance"] is not None]
     beyond = [name for name in tested if measures[name]["is_beyond_chance"]]
     note = f"{len(tested)} measures tested" + (f"; beyond: {', '.join(beyond[:6])}" if beyond else "")
@@ -42,17 +37,15 @@ def chance_criteria(measures: Table, distributions: Table, trajectories: Table, 
         if tested
         else not_testable("measures beyond chance", OWN, "no measure has a prediction; more seeds?")
     ]
-    entries = {f"distribution of {_words(name)}": entry["wasserstein"] for name, entry in distributions.items()}
+    entries = {f"distribution of {_words(name)}": entry for name, entry in distributions.items()}
     entries |= {f"trajectories, {_words(name)}": entry for name, entry in trajectories.items()}
-    entries |= {f"error of {_words(name)}": entry for name, entry in errors.items()}
-    p_values = np.asarray([entry["p_value"] for entry in entries.values()], float)  # None becomes nan
-    for (name, entry), adjusted in zip(entries.items(), holm(p_values), strict=True):
+    for name, entry in entries.items():
         title = f"{name}: probability of as much by chance"
-        if not np.isfinite(adjusted):
+        if entry["p_adjusted"] is None:
             criteria.append(not_testable(title, OWN, "too few observations in field or simulation"))
             continue
         note = f"{entry['value']:.3g} found, {entry['limit']:.3g} is exceeded by chance in 5 %"
-        criteria.append(at_least(title, OWN, float(adjusted), SIGNIFICANCE, note))
+        criteria.append(at_least(title, OWN, entry["p_adjusted"], SIGNIFICANCE, note))
     return criteria
 
 

@@ -71,7 +71,7 @@ def step_error(
     halved = observer.parts(complete_rounds(outcomes, rounds.tally.shape[1]))
     together = ObservedDrives(halved.tally.sum(axis=1), {}, np.zeros(0))  # a round counts as a drive does elsewhere
     table = compare_within_margins(
-        problem.measures, margins, problem.tally_names, together, rounds, np.random.default_rng(0)
+        problem.measures, margins, problem.tally_names, together, rounds, np.random.default_rng(0), shares_drives=False
     )
     quantities = {
         name: {

@@ -1,10 +1,11 @@
 """How hard traffic would have to brake at worst: the tail of the deceleration that avoids a crash, extrapolated.
 
 Beyond a high threshold the distribution of nearly any quantity is a generalised Pareto one. The threshold is the first
-border of a class beyond which at most a tenth of the field's approaches lie. The tail is fitted to what lies in each
-class, and says which deceleration is needed once in 1000 km, which few drives show themselves. Frames of one approach
-are no independent observations: the likelihood is divided by how much more exceedances scatter between drives than
-independent ones would.
+border of a class beyond which at most a tenth of the field's approaches lie, each told by its hardest moment. The tail
+is fitted to what lies in each class, and says which deceleration an approach needs once in 1000 km, which few drives
+show themselves. Approaches of one drive are no independent observations: the likelihood is divided by how much more
+exceedances scatter between drives than independent ones would, and intervals take the quantile that an estimate of that
+from so many drives asks for.
 
 Source: peaks over threshold and the profile likelihood of a return level, Coles (2001), An Introduction to Statistical
 Modeling of Extreme Values, eqs. 4.4, 4.12 and sec. 4.3.3; for conflicts in traffic, Songchitruksa & Tarko (2006),
@@ -18,7 +19,7 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float
-from scipy.stats import chi2
+from scipy.stats import f as fisher
 
 from jaxcalib.calibration.result.result import rounded
 from jaxcalib.measures.safety import DRAC_BORDER_MPS2
@@ -29,7 +30,8 @@ PER_M = 1e-6  # once in 1000 km
 FEWEST_EXCEEDANCES = 20.0
 SHAPES = np.append(np.linspace(-0.5, -0.01, 50), np.linspace(0.01, 0.5, 50))  # 0 is a limit, and near either
 LEVELS_MPS2 = np.geomspace(0.02, 60.0, 500)  # above the threshold
-WITHIN = float(chi2.ppf(0.9, 1))  # of twice the log-likelihood, for an interval of 90 %
+CONFIDENCE = 0.9
+FEWEST_DRIVES = 3  # fewer do not tell how exceedances scatter
 ACTORS = ("subject", "background")
 
 
@@ -62,7 +64,7 @@ def compare_tails(
     number = {name: index for index, name in enumerate(tally_names)}
     table = {}
     for actor in ACTORS:
-        bins = [number[f"{actor}_drac_bin[{index}]"] for index in range(len(DRAC_BORDER_MPS2) - 1)]
+        bins = [number[f"{actor}_approach_bin[{index}]"] for index in range(len(DRAC_BORDER_MPS2) - 1)]
         distance = number[f"{actor}_distance_seen_m"]
         threshold = threshold_of(field.tally[:, bins].sum(axis=0))
         table[actor] = {}
@@ -89,13 +91,13 @@ def tail_of(counts: Float[np.ndarray, "drive bin"], distance_m: float, threshold
     """Return the tail beyond a threshold.
 
     Args:
-        counts: frames of each drive in each class of `DRAC_BORDER_MPS2`.
+        counts: approaches of each drive in each class of `DRAC_BORDER_MPS2`.
         distance_m: distance over which they were counted, all drives together.
         threshold: border of a class from which on the tail is fitted, in m/s^2.
     """
     beyond = _beyond(counts, threshold)
     total = beyond.sum()
-    if total < FEWEST_EXCEEDANCES or not distance_m > 0.0:
+    if total < FEWEST_EXCEEDANCES or len(counts) < FEWEST_DRIVES or not distance_m > 0.0:
         return UNKNOWN
     rarer = PER_M * distance_m / total  # than an exceedance
     edges = np.asarray([border for border in DRAC_BORDER_MPS2[:-1] if border >= threshold]) - threshold
@@ -106,7 +108,7 @@ def tail_of(counts: Float[np.ndarray, "drive bin"], distance_m: float, threshold
     likelihood = np.tensordot(beyond.sum(axis=0), np.log(np.maximum(shares, 1e-300)), axes=1)
     best_shape, best_level = np.unravel_index(int(np.argmax(likelihood)), likelihood.shape)
     profile = 2.0 * (likelihood.max() - likelihood.max(axis=0)) / _dispersion(beyond.sum(axis=1))
-    inside = LEVELS_MPS2[profile <= WITHIN]
+    inside = LEVELS_MPS2[profile <= fisher.ppf(CONFIDENCE, 1, len(counts) - 1)]
     return Tail(
         level_mps2=float(threshold + LEVELS_MPS2[best_level]),
         interval_90_mps2=(float(threshold + inside[0]), float(threshold + inside[-1])),
@@ -127,6 +129,4 @@ def _beyond(counts: Float[np.ndarray, "drive bin"], threshold: float) -> Float[n
 
 def _dispersion(exceedances: Float[np.ndarray, " drive"]) -> float:
     """Variance of exceedances between drives over that of independent ones, at least 1."""
-    if len(exceedances) < 2:
-        return 1.0
     return max(float(exceedances.var(ddof=1) / exceedances.mean()), 1.0)

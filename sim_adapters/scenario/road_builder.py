@@ -109,7 +109,7 @@ def build_road(row_map: RowMap, routes: Sequence[Sequence[str]]) -> Road:
         left[row, segment] = _row_beside(row_map, lane_at, segment, (lane.edge, lane.index + 1))
         right[row, segment] = _row_beside(row_map, lane_at, segment, (lane.edge, lane.index - 1))
         carriageway[row, segment] = lane.edge in network.main_edges
-        elsewhere[row, segment] = lane.edge in network.main_edges and _leads_elsewhere(network, lane)
+        elsewhere[row, segment] = lane.edge in network.main_edges and leads_elsewhere(network, lane)
     for zone in network.zones:
         row, beside = row_map.row_of_lane[zone.lane], row_map.row_of_lane[zone.beside]
         (left if zone.side == LEFT else right)[row, _segments_of(zone, row, lane_at, breaks)] = beside
@@ -184,7 +184,7 @@ def _next_lower_limit(network: RouteNetwork, lane: RouteLane) -> tuple[float, fl
     return None
 
 
-def _leads_elsewhere(network: RouteNetwork, lane: RouteLane) -> bool:
+def leads_elsewhere(network: RouteNetwork, lane: RouteLane) -> bool:
     """Return whether a lane leaves the carriageway; an acceleration lane, which simply ends, does not."""
     here = lane
     while here.successors:

@@ -9,7 +9,7 @@ from jaxcalib.case.safety_limits import USUAL_LIMITS, SafetyLimits
 from jaxcalib.measures.drive_tally import DriveTally
 from jaxcalib.measures.lane_change import num_target_gap_classes
 from jaxcalib.measures.measure import Measure, MeasureValue
-from jaxcalib.measures.observed_road import ObservedRoad
+from jaxcalib.measures.observed_road import EndingRows, ObservedRoad
 from jaxcalib.measures.registry import all_folds, all_measures
 from jaxcalib.measures.scene import MeasureSettings
 from jaxcalib.measures.whole_drive import WholeDriveFold
@@ -21,12 +21,18 @@ NUM_TRACKS = 8  # one for the subject vehicle, one for what has no track: number
 
 @pytest.fixture(scope="session")
 def road() -> ObservedRoad:
-    """1000 m with two lanes, rows 0 and 1, and from 300 m to 500 m an auxiliary lane, row 2, to the right of them."""
+    """1000 m with two lanes, rows 0 and 1, and from 300 m to 500 m an auxiliary lane, row 2, to the right of them.
+
+    There vehicles merge; from 700 m to 850 m row 2 leads to an exit.
+    """
     return ObservedRoad(
         section_border_m=jnp.asarray([0.0, 400.0, 1000.0]),
         knot_m=jnp.asarray([0.0, 300.0, 500.0, 1000.0]),
         lane_m=jnp.asarray([0.0, 600.0, 1200.0, 2200.0]),
         lateral_order=jnp.asarray([1.0, 2.0, 0.0]),
+        ending=EndingRows(
+            jnp.asarray([2.0, 2.0]), jnp.asarray([300.0, 700.0]), jnp.asarray([500.0, 850.0]), jnp.asarray([0.0, 1.0])
+        ),
     )
 
 

@@ -43,7 +43,9 @@ def test_a_time_headway_is_front_to_front_and_a_time_gap_rear_to_front(measure: 
 def test_a_vehicle_without_a_leader_in_range_is_censored(measure: MeasureOf):
     headway = measure(drive(two_rows()), "background_time_headway_s")
     assert (headway.num_observations, headway.num_censored) == (2, 2)  # 3 and 1 are the first of their rows
-    assert measure(drive(two_rows()), "background_following_share").value == pytest.approx(2 / 5)
+    assert measure(drive(two_rows()), "background_following_share").value == pytest.approx(
+        2 / 4
+    )  # the subject vehicle is none
 
 
 def test_a_leader_beyond_the_range_makes_no_headway(count: Count, measure: MeasureOf):

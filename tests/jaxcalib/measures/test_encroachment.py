@@ -41,13 +41,19 @@ def test_its_percentile_lies_in_its_class(measure: MeasureOf):
     assert measure(change(18.0, 40.0), "lane_change_pet_p15_s").value == pytest.approx(0.75 + 0.15 * 0.25)
 
 
-def test_a_change_with_nobody_in_range_tells_nothing(count: Count):
+@pytest.mark.parametrize(
+    ("offset_m", "is_seen"), [(0.0, True), (74.0, True), (77.0, False), (-34.0, True), (-37.0, False)]
+)
+def test_a_change_with_nobody_in_range_is_none_if_a_conflict_would_be_seen(
+    count: Count, offset_m: float, is_seen: bool
+):
+    """A second at 20 m/s and a vehicle's length reach 24.5 m; sensors reach 100 m ahead and 60 m behind."""
     frames = drive(
-        instant(1.0, Car(EGO, 2, 400.0, 20.0), Car(0, 0, 400.0, 20.0)),
-        instant(1.5, Car(EGO, 2, 410.0, 20.0), Car(0, 1, 410.0, 20.0)),
+        instant(1.0, Car(EGO, 2, 400.0, 20.0), Car(0, 0, 400.0 + offset_m, 20.0)),
+        instant(1.5, Car(EGO, 2, 410.0, 20.0), Car(0, 1, 410.0 + offset_m, 20.0)),
     )
     counted = count(frames)
-    assert counted["encroaching_changes"] == 0.0
+    assert (counted["encroaching_changes"], counted["close_changes"]) == (float(is_seen), 0.0)
 
 
 def cut_in(speeds_mps: list[float], moves: bool = False) -> PerceptionFrame:

@@ -136,6 +136,18 @@ def test_a_censored_gap_is_longer_than_what_is_seen_of_it(
     assert restricted.value == pytest.approx(5.0 if seen_m < 0 else 50.0)
 
 
+def test_a_change_at_the_edge_of_the_range_stays_at_risk_as_far_as_it_is_seen(measure: MeasureOf, count: Count):
+    """Nobody is seen behind a vehicle 45 m behind, of 60 m: 15 m and 13.5 m to its leader's rear, 28.5 m at least."""
+    frames = drive(
+        instant(1.0, Car(EGO, 1, 400.0, 20.0), Car(0, 1, 355.0, 20.0), Car(1, 0, 373.0, 20.0)),
+        instant(1.5, Car(EGO, 1, 410.0, 20.0), Car(0, 0, 365.0, 20.0), Car(1, 0, 383.0, 20.0)),
+    )
+    tallies = count(frames)
+    assert [tallies[f"background_target_gap_class_censored[{k}]"] for k in range(5)] == [0, 0, 1, 0, 0]
+    assert not any(tallies[f"background_target_gap_class[{k}]"] for k in range(5))
+    assert measure(frames, "background_restricted_target_gap_m").value == pytest.approx(50.0)  # nobody's gap has ended
+
+
 def test_target_gaps_are_averaged_for_each_vehicle_first(measure: MeasureOf, count: Count):
     """Track 2 changes twice (gaps of 60.5 and 20.5 m), track 3 once (47.5 m)."""
     ego, wall = Car(EGO, 2, 400.0, 0.0), (Car(0, 0, 440.0, 0.0), Car(1, 0, 375.0, 0.0), Car(4, 1, 430.0, 0.0))
@@ -290,6 +302,12 @@ def test_a_lane_change_that_is_given_up_has_no_duration(measure: MeasureOf):
 def test_a_lane_change_that_is_not_seen_to_its_end_has_no_duration(measure: MeasureOf):
     unfinished = off_centre([0, 0, 0, 1, 1], [0.0, 0.6, 1.1, -1.6, -1.0])
     assert measure(unfinished, "background_lane_change_duration_s").reason == "never observed"
+
+
+def test_a_change_from_centre_to_centre_was_not_seen_to_take_any_time(measure: MeasureOf, count: Count):
+    frames = off_centre([0, 0, 1, 1], [0.0, 0.1, 0.1, 0.0])
+    assert count(frames)["background_lane_changes"] == 1
+    assert not measure(frames, "background_lane_change_duration_s").is_valid
 
 
 def test_without_offsets_the_change_counts_but_has_no_duration(measure: MeasureOf, count: Count):

@@ -11,7 +11,7 @@ from jaxcalib.case.safety_limits import USUAL_LIMITS, SafetyLimits
 from jaxcalib.measures.drive_tally import DriveTally
 from jaxcalib.measures.measure import Measure, MeasureValue
 from jaxcalib.measures.registry import all_measures, safety_measures
-from jaxcalib.measures.safety import braking_needed
+from jaxcalib.measures.safety import DRAC_BORDER_MPS2, braking_needed
 from jaxcalib.measures.whole_drive import WholeDriveFold
 from surrogate.road.perception import PerceptionFrame
 from tests.jaxcalib.measures.conftest import NUM_FRAMES
@@ -63,6 +63,51 @@ def test_deceleration_to_avoid_a_crash_and_near_misses(measure: MeasureOf):
     # half a second at 24 m/s: 12 m
     assert measure(near, "subject_near_miss_s_p1000km").value == pytest.approx(0.5 / 12.0 * 1e6)
     assert measure(far, "subject_near_miss_s_p1000km").value == 0.0
+
+
+def test_a_near_miss_needs_little_time_and_much_braking(measure: MeasureOf):
+    """Fast from afar much braking is needed, and there is time; slowly from near there is neither."""
+    far, slow = approach(50.0, 42.0, 18.0), approach(1.0, 18.9, 18.0)  # 5.8 m/s^2 in 2.1 s; 0.4 m/s^2 in 1.1 s
+    assert measure(far, "subject_drac_exposed_share").value == 1.0
+    assert measure(far, "subject_near_miss_s_p1000km").value == 0.0
+    assert measure(slow, "subject_drac_exposed_share").value == 0.0
+    assert measure(slow, "subject_near_miss_s_p1000km").value == 0.0
+
+
+@pytest.mark.parametrize(("braking_mps", "exposed"), [(0.0, 0.0), (4.0, 1.0)])
+def test_a_leader_who_brakes_threatens_who_does_not_close_in(measure: MeasureOf, braking_mps: float, exposed: float):
+    """5 m behind a leader as fast as oneself: who brakes with 8 m/s^2 asks for more than the limit."""
+    frames = drive(
+        instant(7.0, Car(EGO, 1, 400.0, 20.0), Car(0, 1, 409.5, 20.0 + braking_mps)),
+        instant(7.5, Car(EGO, 1, 410.0, 20.0), Car(0, 1, 419.5, 20.0)),
+    )
+    found = measure(frames, "subject_threat_exposed_share")
+    assert found.value == exposed
+    assert found.num_observations == 0.5 * exposed
+
+
+def test_each_approach_is_in_one_class_of_deceleration(count: Count):
+    """16 / 18 = 0.89 m/s^2, and 36 / 8 = 4.5 m/s^2."""
+    for frames, index in ((approach(9.0, 22.0, 18.0), 7), (approach(4.0, 24.0, 18.0), 12)):
+        counted = count(frames)
+        bins = [counted[f"subject_approach_bin[{k}]"] for k in range(len(DRAC_BORDER_MPS2) - 1)]
+        assert bins == [float(k == index) for k in range(len(bins))]
+        low, high = DRAC_BORDER_MPS2[index : index + 2]
+        assert low <= (16.0 / 18.0 if index == 7 else 4.5) < high
+
+
+def test_an_approach_counts_once_by_its_hardest_moment(count: Count):
+    """Needed: 0.89, 4.5 and 0.19 m/s^2 in one approach; 0 while the gap opens; then 0.89 m/s^2 again."""
+    moments = [(9.0, 22.0), (9.0, 22.0), (4.0, 24.0), (42.0, 22.0), (42.0, 17.0), (9.0, 22.0)]
+    frames = drive(
+        *(
+            instant(7.0 + 0.5 * k, Car(EGO, 1, 400.0 + 10 * k, mps), Car(0, 1, 400.0 + 10 * k + gap + LENGTH_M, 18.0))
+            for k, (gap, mps) in enumerate(moments)
+        )
+    )
+    counted = count(frames)
+    bins = {k: counted[f"subject_approach_bin[{k}]"] for k in range(len(DRAC_BORDER_MPS2) - 1)}
+    assert {k: number for k, number in bins.items() if number} == {12: 1.0, 7: 1.0}
 
 
 def test_hard_braking(measure: MeasureOf):

@@ -6,7 +6,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from jaxcalib.problem.drive_warnings import counted_in_parts, coverage_warnings, departure_warnings, one_sided_warnings
+from jaxcalib.problem.drive_warnings import (
+    counted_in_parts,
+    coverage_warnings,
+    departure_warnings,
+    length_warnings,
+    one_sided_warnings,
+)
 
 
 def drive(begin_s: float, begin_m: float, speed_mps: float = 25.0) -> Any:
@@ -14,7 +20,7 @@ def drive(begin_s: float, begin_m: float, speed_mps: float = 25.0) -> Any:
     subject = SimpleNamespace(
         time_s=time_s, position_m=begin_m + speed_mps * (time_s - begin_s), speed_mps=np.full(len(time_s), speed_mps)
     )
-    return SimpleNamespace(id="d01", subject=subject)
+    return SimpleNamespace(id="d01", subject=subject, rules=SimpleNamespace(longest_gap_s=1.0))
 
 
 CASE: Any = SimpleNamespace(drives=(SimpleNamespace(id="d01", depart_s=600.0),))
@@ -44,11 +50,43 @@ def test_a_part_of_the_route_is_told():
 
 def test_a_part_of_the_route_counts_as_a_part_of_a_drive():
     """Twelve events in a third of the route are as many as 36 in all of it."""
-    tally = np.asarray([[12.0, 1.0], [36.0, 1.0]])
+    tally = np.asarray([[12.0, 1.0, 1.0], [36.0, 1.0, 1.0]])
     whole, third = drive(600.0, 0.0), drive(600.0, 800.0, 500.0 / 59.5)
-    counted = counted_in_parts(tally, [third, whole], 1500.0, 1)
+    counted = counted_in_parts(tally, [third, whole], 1500.0, {"drives": 1, "trips": 2})
     assert counted[:, 0] / counted[:, 1] == pytest.approx([36.0, 36.0])
+    assert counted[:, 2] == pytest.approx(counted[:, 1])
     assert tally[0, 1] == 1.0
+
+
+def test_nothing_is_counted_in_a_gap_though_the_trip_goes_on():
+    """Seen for 60 s less 24.5 s: 600 of 1488 m lie in the gap."""
+    log, tally = drive(600.0, 0.0), np.asarray([[22.0, 1.0, 1.0]])
+    kept = (log.subject.time_s <= 610.0) | (log.subject.time_s >= 634.0)
+    log.subject.time_s, log.subject.position_m = log.subject.time_s[kept], log.subject.position_m[kept]
+    (counted,) = counted_in_parts(tally, [log], 1500.0, {"drives": 1, "trips": 2})
+    assert counted[1:] == pytest.approx([(1487.5 - 600.0) / 1500.0, 1.0])
+    (line,) = coverage_warnings([log], 1500.0)
+    assert "covers 888 of 1500 m of the route, and 600 m lie in its gaps" in line
+    log.rules.longest_gap_s = 30.0
+    assert coverage_warnings([log], 1500.0) == []
+
+
+@pytest.mark.parametrize(
+    ("reference", "length_m", "lacking", "warns"),
+    [("near_end", 16.5, 40, True), ("near_end", 16.5, 0, False), ("near_end", 5.0, 40, False)],
+)
+def test_lengths_that_a_distance_needs_are_asked_for(reference: str, length_m: float, lacking: int, warns: bool):
+    case: Any = SimpleNamespace(
+        perception=SimpleNamespace(nominal_length_m=4.8), log_form=SimpleNamespace(reference=reference)
+    )
+    scenario: Any = SimpleNamespace(
+        flows=[SimpleNamespace(vtype="car"), SimpleNamespace(vtype="truck")],
+        values_of=lambda vtype: {"length": length_m if vtype == "truck" else 4.6},
+    )
+    logs: Any = [SimpleNamespace(id="d07", counts=SimpleNamespace(rows_without_length=lacking))]
+    lines = length_warnings(case, scenario, logs)
+    assert bool(lines) == warns
+    assert all("logs of d07" in line and "'truck' of 16.5 m" in line for line in lines)
 
 
 def test_sensors_that_look_one_way_are_told():

@@ -1,13 +1,20 @@
 """Prediction intervals, distances and errors of trajectories against closed forms and coverage."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jaxcalib.validation.comparison import compare_distributions, compare_trajectories
+from jaxcalib.measures.measure import LeftOut, Level, Measure, Percentile
+from jaxcalib.validation.comparison import (
+    compare_distributions,
+    compare_measures,
+    compare_trajectories,
+    correct_together,
+)
 from jaxcalib.validation.distributions import BORDERS, distances
 from jaxcalib.validation.observer import ObservedDrives
 from jaxcalib.validation.prediction import exceedance, predict, upper_limit
@@ -116,3 +123,60 @@ def test_rounds_that_are_all_alike_leave_one_in_as_many_to_chance():
     same = predict(np.full(20, 3.0), 3.0)
     assert same is not None
     assert same.p_value == exceedance(np.full(20, 3.0), 3.0) == 1.0
+
+
+MEASURES = {
+    "speed": Measure("speed", "", Level.TRAFFIC, "way", "time"),
+    "share": Measure("share", "", Level.TRAFFIC, "part", "time", left_out=LeftOut.BIN),
+    "rare": Measure("rare", "", Level.TRAFFIC, "events", "time", observations="events"),
+    "short": Percentile("short", "", Level.TRAFFIC, "bin", "time", borders=(0.0, 1.0, 2.0), share=0.01),
+}
+NAMES = ("way", "time", "part", "events", "bin[0]", "bin[1]")
+
+
+def counted(random: np.random.Generator, *shape: int, speed: float = 20.0, events: float = 30.0) -> ObservedDrives:
+    time_s = random.uniform(80.0, 120.0, shape)
+    way_m = time_s * random.normal(speed, 1.0, shape)
+    several = [way_m, time_s, 0.3 * time_s, random.poisson(events, shape), 0.6 * time_s, 0.4 * time_s]
+    return ObservedDrives(np.stack(several, axis=-1), {}, np.zeros((*shape, 1)))
+
+
+def judged(field: ObservedDrives, rounds: ObservedDrives) -> dict[str, dict[str, Any]]:
+    table = compare_measures(MEASURES, NAMES, field, rounds)
+    correct_together(table)
+    return table
+
+
+def test_bins_and_what_few_observations_show_have_no_probability():
+    random = np.random.default_rng(9)
+    table = judged(counted(random, 2), counted(random, 10, 2))
+    assert {name for name, entry in table.items() if entry["p_value"] is not None} == {"speed", "rare"}
+    assert table["share"]["interval_90"] is not None  # it is told all the same
+    assert table["short"]["note"] == "rests on fewer than 5 observations"  # a hundredth of 200
+    assert table["share"]["is_beyond_chance"] is None
+    few = judged(counted(random, 2, events=1.0), counted(random, 10, 2, events=1.0))
+    assert few["rare"]["p_value"] is None
+
+
+def test_a_rare_field_is_tested_where_rounds_show_many():
+    """Chosen by the field's number alone, nothing would be said of the events that it lacks."""
+    random = np.random.default_rng(10)
+    table = judged(counted(random, 2, events=0.0), counted(random, 10, 2))
+    assert table["rare"]["is_beyond_chance"]
+    assert not table["speed"]["is_beyond_chance"]
+
+
+def test_what_one_round_does_not_show_is_not_tested():
+    random = np.random.default_rng(11)
+    rounds = counted(random, 10, 2)
+    rounds.tally[3] = 0.0
+    assert judged(counted(random, 2), rounds)["speed"]["p_value"] is None
+
+
+def test_probabilities_are_corrected_for_all_tables():
+    one = {"a": {"p_value": 0.03}, "b": {"p_value": None}}
+    other = {"c": {"p_value": 0.01}}
+    correct_together(one, other)
+    assert (one["a"]["p_adjusted"], other["c"]["p_adjusted"]) == (0.03, 0.02)
+    assert one["a"]["is_beyond_chance"]
+    assert one["b"] == {"p_value": None, "p_adjusted": None, "is_beyond_chance": None}

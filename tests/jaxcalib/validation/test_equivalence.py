@@ -112,6 +112,40 @@ def test_wrong_margins_are_refused_by_name(tmp_path: Path, text: str, said: str)
     assert "margins.toml" in str(error.value)
 
 
+def test_hours_that_differ_make_no_difference_uncertain():
+    """Speeds of 8 to 32 m/s by the hour, the same in field and simulation: each drive is compared with its own runs."""
+    said = []
+    for seed in range(30):
+        random = np.random.default_rng(seed)
+        hour_mps = np.linspace(8.0, 32.0, 8)
+        field, rounds = observed(random, 1.0, 8), observed(random, 1.0, 12, 8)
+        for one in (field, rounds):
+            one.tally[..., 0] *= hour_mps
+        margins = dict.fromkeys(Moe, Margin(0.15, "here"))
+        arguments = (MEASURES, margins, NAMES, field, rounds)
+        together = compare_within_margins(*arguments, np.random.default_rng(1))["traffic_speed_mps"]
+        apart = compare_within_margins(*arguments, np.random.default_rng(1), shares_drives=False)["traffic_speed_mps"]
+        low, high = together["interval_90"]
+        wide_low, wide_high = apart["interval_90"]
+        assert wide_high - wide_low > 1.5 * (high - low)
+        assert apart["verdict"] == OPEN
+        said.append((together["verdict"], low < 0.0 < high))
+    assert sum(verdict == EQUIVALENT for verdict, _ in said) >= 10
+    assert stats.binomtest(sum(holds for _, holds in said), len(said), 0.9, alternative="less").pvalue > 1e-2
+
+
+def test_an_interval_with_a_covariance_holds_its_rate():
+    random, quantile = np.random.default_rng(7), float(stats.norm.ppf(0.95))
+    shared = random.normal(0.0, 1.0, 4000)
+    fields = 10.0 + shared + random.normal(0.0, 0.3, 4000)
+    simulated = 1.2 * (10.0 + shared) + random.normal(0.0, 0.4, 4000)
+    ends = np.asarray(
+        [fieller_interval(s, f, 1.44 + 0.16, 1.09, quantile, 1.2) for s, f in zip(simulated, fields, strict=True)]
+    )
+    for outside in (ends[:, 1] < 0.2, ends[:, 0] > 0.2):
+        assert np.mean(outside) == pytest.approx(0.05, abs=0.011)
+
+
 @pytest.mark.parametrize("margin", [-0.5, 0.3, 1.0, 2.0])
 def test_both_ends_of_the_interval_hold_their_rate_at_margins_of_any_size(margin: float):
     """Truth at the margin, errors known: in one case of twenty the interval ends before it, and beyond it."""

@@ -48,9 +48,24 @@ def test_intervals_hold_the_truth_though_frames_come_in_runs(shape: float, frame
 
 
 def test_few_exceedances_have_no_tail():
-    counts = np.zeros((1, NUM_BINS))
+    counts = np.zeros((3, NUM_BINS))
     counts[0, 0], counts[0, FIRST_BEYOND] = 500.0, FEWEST_EXCEEDANCES - 1.0
     assert np.isnan(tail_of(counts, 1e5, THRESHOLD_MPS2).level_mps2)
+    counts[1, FIRST_BEYOND] = 1.0
+    assert np.isfinite(tail_of(counts, 1e5, THRESHOLD_MPS2).level_mps2)
+    assert np.isnan(tail_of(counts[:2], 1e5, THRESHOLD_MPS2).level_mps2)  # two drives scatter anyhow
+
+
+@pytest.mark.parametrize("number", [4, 8])
+def test_intervals_of_few_drives_hold_the_truth_as_often(number: int):
+    random, truth = np.random.default_rng(12), THRESHOLD_MPS2 + genpareto.isf(RARER, 0.02, scale=0.6)
+    held = []
+    for _ in range(60):
+        low, high = tail_of(
+            drives(random, number, 0.02, 0.6, frames=4), number * 1e3 * KM_PER_DRIVE, THRESHOLD_MPS2
+        ).interval_90_mps2
+        held.append(np.isnan(low) or low < truth < high)
+    assert binomtest(sum(held), len(held), 0.9, alternative="less").pvalue > 1e-2
 
 
 def test_the_threshold_is_a_high_quantile():
@@ -63,7 +78,7 @@ def test_the_threshold_is_a_high_quantile():
 
 def test_field_and_simulation_are_told_by_the_field_s_threshold():
     random = np.random.default_rng(11)
-    parts = [f"drac_bin[{index}]" for index in range(NUM_BINS)] + ["distance_seen_m"]
+    parts = [f"approach_bin[{index}]" for index in range(NUM_BINS)] + ["distance_seen_m"]
     names = tuple(f"{actor}_{part}" for actor in ("subject", "background") for part in parts)
 
     def observed(counts: np.ndarray, *shape: int) -> ObservedDrives:

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from jaxcalib.case.safety_limits import USUAL_LIMITS, SafetyLimits
-from jaxcalib.measures.observed_road import ObservedRoad
+from jaxcalib.measures.observed_road import EndingRows, ObservedRoad
 from jaxcalib.measures.scene import MeasureSettings, look, nothing_remembered
 from surrogate.road.drive_table import NOBODY, drive_table
 from surrogate.road.perception import NO_TRACK, PerceptionFrame
@@ -15,7 +15,8 @@ from surrogate.road.perception import NO_TRACK, PerceptionFrame
 LENGTH_M, NUM_PLACES = 4.7, 12
 SETTINGS = MeasureSettings(
     road=ObservedRoad(
-        *(jnp.asarray(values) for values in ([0.0, 900.0], [0.0, 900.0], [0.0, 2700.0], [0.0, 1.0, 2.0]))
+        *(jnp.asarray(values) for values in ([0.0, 900.0], [0.0, 900.0], [0.0, 2700.0], [0.0, 1.0, 2.0])),
+        EndingRows(*(jnp.zeros(0) for _ in range(4))),
     ),
     nominal_length_m=jnp.asarray(LENGTH_M),
     least_speed_mps=jnp.asarray(1.0),
