@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from experiments.paper import state_of_the_art
-from experiments.paper.methods import NO_CALIBRATION, STATE_OF_THE_ART, settings_of
+from experiments.paper.methods import NO_CALIBRATION, PRINTED, STATE_OF_THE_ART, settings_of
 from experiments.paper.trial import TRIAL_FILE, Trial, read_trial, trial_json
 from jaxcalib.calibration.confirmation.final_errors import FinalRuns, final_errors, runs_of_role, start_final_runs
 from jaxcalib.calibration.result.simulation_health import health_of
@@ -18,7 +18,7 @@ from jaxcalib.calibration.stages.evaluator import Evaluator
 from jaxcalib.calibration.value_search import plan_calibration, search_values
 from jaxcalib.case.case import ROLES, Role
 from jaxcalib.initial_values.initial_point import demand_from_logs
-from jaxcalib.problem.engines import sumo_engine, surrogate_engine
+from jaxcalib.problem.engines import finer_surrogate_engine, sumo_engine, surrogate_engine
 from jaxcalib.problem.parameter_space import parameter_space, round_values
 from jaxcalib.problem.problem import CalibrationProblem, read_problem
 from jaxcalib.problem.settings import Settings
@@ -110,22 +110,29 @@ def find_values(
         return Found(round_values(problem.template.base_values()))
     if method == STATE_OF_THE_ART:
         return _state_of_the_art(problem, session, budget, settings)
-    return _two_stages(problem, session, budget, settings_of(method, settings))
+    is_printed = method == PRINTED  # ours goes where the surrogate cannot follow, as `jaxcalib calibrate` does
+    return _two_stages(problem, session, budget, settings_of(method, settings), may_leave_surrogate=not is_printed)
 
 
-def _two_stages(problem: CalibrationProblem, session: Session, budget: float, settings: Settings) -> Found:
+def _two_stages(
+    problem: CalibrationProblem, session: Session, budget: float, settings: Settings, *, may_leave_surrogate: bool
+) -> Found:
     plan = plan_calibration(problem, settings, budget)
     session.progress.plan(plan.num_surrogate_runs, plan.num_sumo_runs)
     engine = surrogate_engine(problem)
     with sumo_engine(problem) as pool:
         sumo = JournaledSumo(pool, session.journal)
         waiting = start_scenario_runs(problem, sumo, plan, session, shares_runs=problem.template.can_share_runs)
-        searched = search_values(problem, settings, plan, engine, sumo, session, waiting)
+        searched = search_values(
+            problem, settings, plan, engine, sumo, session, waiting,
+            may_leave_surrogate=may_leave_surrogate, finer=lambda: finer_surrogate_engine(problem),
+        )  # fmt: skip
     names = searched.initial.space.names
     return Found(
         values=searched.values,
         surrogate_runs=searched.num_surrogate_runs,
-        sumo_runs=health_of(searched.confirmation.outcomes).runs if searched.confirmation.outcomes else 0,
+        sumo_runs=searched.num_sumo_search_runs
+        + (health_of(searched.confirmation.outcomes).runs if searched.confirmation.outcomes else 0),
         calibration_s=sum(session.stopwatch.wall_s.get(part, 0.0) for part in CALIBRATION_PARTS),
         critical=[names[number] for number in searched.found.critical],
         stage2_undid_stage1=bool(searched.found.has_drifted),
