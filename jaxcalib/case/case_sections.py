@@ -18,6 +18,7 @@ Instant = Annotated[float, Meta(ge=0.0, le=1e7, description="a number >= 0 and a
 Duration = Annotated[float, Meta(gt=0.0, le=1e7, description="a number > 0 and at most 1e7")]
 StepLength = Annotated[float, Meta(gt=0.0, le=10.0, description="a number > 0 and at most 10")]
 Limit = Annotated[float, Meta(gt=0.0, le=60.0, description="a number > 0 and at most 60")]
+Way = Annotated[float, Meta(gt=0.0, le=1000.0, description="a number > 0 and at most 1000")]
 Name = Annotated[
     str,
     Meta(
@@ -53,6 +54,7 @@ class SafetySection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     hard_braking_mps2: Limit = USUAL_LIMITS.hard_braking_mps2
     encroachment_s: Limit = USUAL_LIMITS.encroachment_s
     after_cut_in_s: Limit = USUAL_LIMITS.after_cut_in_s
+    urgent_way_m: Way = USUAL_LIMITS.urgent_way_m
 
     @property
     def limits(self) -> SafetyLimits[float]:

@@ -55,9 +55,9 @@ def judged_measures() -> tuple[str, ...]:
 
 
 def safety_measures() -> tuple[str, ...]:
-    """Names of the measures of how near traffic comes to a crash; the same on every road."""
+    """Names of the measures of how near traffic comes to a crash, and how late it changes; the same on every road."""
     settings = _any_settings()
-    groups = (safety.GROUP, encroachment.GROUP)
+    groups = (safety.GROUP, encroachment.GROUP, route_bound_change.GROUP)
     return tuple(measure.name for group in groups for measure in group.measures(settings))
 
 

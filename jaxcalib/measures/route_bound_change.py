@@ -31,7 +31,12 @@ class RouteBoundChanges(Fold):
         return tuple(
             name
             for kind in KINDS
-            for name in (f"{kind}_changes", f"{kind}_way_m", *indexed(f"{kind}_way_bin", len(WAY_BORDER_M) - 1))
+            for name in (
+                f"{kind}_changes",
+                f"{kind}_urgent",
+                f"{kind}_way_m",
+                *indexed(f"{kind}_way_bin", len(WAY_BORDER_M) - 1),
+            )
         )
 
     def count(self, scene: Scene) -> dict[str, Array]:
@@ -48,6 +53,8 @@ class RouteBoundChanges(Fold):
             is_bound = changes & (way_m < WAY_BORDER_M[-1])
             number = is_bound.astype(jnp.float32)
             counted[f"{kind}_changes"] = jnp.sum(number)
+            is_urgent = is_bound & (way_m < scene.settings.limits.urgent_way_m)
+            counted[f"{kind}_urgent"] = jnp.sum(is_urgent.astype(jnp.float32))
             counted[f"{kind}_way_m"] = jnp.sum(jnp.where(is_bound, way_m, 0.0))
             in_bin = within(jnp.where(is_bound, way_m, -1.0), jnp.asarray(WAY_BORDER_M))
             counted |= by_index(f"{kind}_way_bin", sums_by_class(in_bin, number))
@@ -55,7 +62,7 @@ class RouteBoundChanges(Fold):
 
 
 def _measures(settings: MeasureSettings) -> list[Measure]:
-    del settings
+    urgent_m = float(settings.limits.urgent_way_m)
     measures: list[Measure] = []
     for kind, what in KINDS.items():
         changes = f"{kind}_changes"
@@ -63,6 +70,10 @@ def _measures(settings: MeasureSettings) -> list[Measure]:
             Measure(
                 f"{kind}_way_left_m", f"way left to its end at a change {what} (urgency)", VEHICLE,
                 f"{kind}_way_m", changes, left_out=LeftOut.FEW,
+            ),
+            Measure(
+                f"{kind}_urgent_share", f"share of changes {what} with less than {urgent_m:g} m left", VEHICLE,
+                f"{kind}_urgent", changes, left_out=LeftOut.FEW,
             ),
             Percentile(
                 f"{kind}_way_left_p15_m", f"15% of changes {what} leave less way than that", VEHICLE,

@@ -46,6 +46,7 @@ def test_the_way_left_is_that_to_the_end_of_the_lane(
         assert measure(frames, f"{kind}_changes_per_drive").value == (way_m is not None)
         if way_m is not None:
             assert found.value == pytest.approx(way_m)
+            assert measure(frames, f"{kind}_urgent_share").value == (way_m < 100.0)
 
 
 def test_the_percentile_lies_in_the_class_of_the_way(measure: MeasureOf):
