@@ -31,7 +31,7 @@ def diagrams_figure(result: ValidationResult) -> str:
         for box, (section, sides) in zip(boxes, sections.items(), strict=False):
             for side, (color, style) in SIDES.items():
                 densities, volumes = ([point[k] for point in sides[side]] for k in range(2))
-                box.plot(densities, volumes, style, color=color, ms=3.5, lw=1.0, label=side)
+                box.plot(densities, volumes, style, color=color, ms=3.5, lw=1.0, label=side, clip_on=False)
             box.set_title(f"section {section}", fontsize=8)
             box.set_xlim(left=0.0)
             box.set_ylim(bottom=0.0)
