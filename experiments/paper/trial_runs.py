@@ -125,7 +125,8 @@ def _two_stages(
         waiting = start_scenario_runs(problem, sumo, plan, session, shares_runs=problem.template.can_share_runs)
         searched = search_values(
             problem, settings, plan, engine, sumo, session, waiting,
-            may_leave_surrogate=may_leave_surrogate, finer=lambda: finer_surrogate_engine(problem),
+            may_leave_surrogate=may_leave_surrogate,
+            finer=lambda: finer_surrogate_engine(problem) if may_leave_surrogate else None,
         )  # fmt: skip
     names = searched.initial.space.names
     return Found(

@@ -85,7 +85,7 @@ def _safety(section: Section, found: Mapping[str, Any]) -> None:
     rows, unjudged = [], []
     for name in safety_measures():
         one = found["measures"].get(name)
-        if one is None:
+        if one is None or (one["field"] is None and one["simulated"] is None):  # the road has no exit, say
             continue
         rows.append(
             (
@@ -100,7 +100,7 @@ def _safety(section: Section, found: Mapping[str, Any]) -> None:
     columns = ("measure", "field", "observations", "simulated", "90 % of rounds", "corrected probability")
     section.show("Safety measures", columns, rows, f"{FILE}: measures")
     if unjudged:
-        section.lack(f"Safety measures of too few events in the field to be judged: {', '.join(unjudged)}.")
+        section.lack(f"Safety measures that rest on too little to be judged: {', '.join(unjudged)}.")
 
 
 def _encounters(section: Section, found: Mapping[str, Any]) -> None:
@@ -122,7 +122,7 @@ def _encounters(section: Section, found: Mapping[str, Any]) -> None:
     section.show("Deceleration needed once in 1000 km", columns, rows, f"{FILE}: tails")
     unknown = [f"{actor} in the {side}" for actor, side, _, level, _ in rows if level is None]
     if unknown:
-        section.lack(f"Deceleration needed once in 1000 km: too few exceedances, {', '.join(unknown)}.")
+        section.lack(f"Deceleration needed once in 1000 km: too few exceedances or drives, {', '.join(unknown)}.")
 
 
 def _total(by_severity: Mapping[str, float | None] | None) -> float | None:

@@ -18,7 +18,7 @@ from jaxcalib.field.log_tables import (
 from jaxcalib.field.logged_motion import logged_motion
 from jaxcalib.field.matched_objects import match_objects
 from jaxcalib.field.matched_subject import MatchedSubject, match_subject
-from jaxcalib.field.object_places import at_front, front_to_front, with_distances
+from jaxcalib.field.object_places import at_front, front_to_front, lacks_length, with_distances
 from jaxcalib.field.physics.impossible_tracks import ImpossibleRows, impossible_rows
 from jaxcalib.field.physics.motion import DriveMotion
 from jaxcalib.field.route_geometry import RouteGeometry, build_route_geometry
@@ -45,7 +45,7 @@ class DriveCounts:
     splits: int  # jumps that split a track
     long_gaps: int  # gaps that were too long to bridge
     tracks: int  # tracks that stay
-    rows_without_length: int = 0  # rows that stay although the vehicle's length, which a distance needs, is missing
+    rows_without_length: int = 0  # whose distance needs the vehicle's length, which is missing
     rows_impossible: int = 0  # left out, of tracks that no vehicle of the traffic can have made
 
 
@@ -189,9 +189,7 @@ def lay_out(
         splits=clean.num_splits,
         long_gaps=clean.num_gaps,
         tracks=clean.num_tracks,
-        rows_without_length=0
-        if case.log_form.reference == "front"
-        else int(np.isnan(tables.object_log.length_m).sum()),
+        rows_without_length=int(lacks_length(tables.object_log, case.log_form).sum()),
         rows_impossible=int(left_out.sum()),
     )
     warnings = [*subject.warnings, *objects.warnings]

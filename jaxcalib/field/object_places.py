@@ -91,6 +91,13 @@ def front_to_front(log: ObjectLog, form: LogForm, nominal_length_m: float) -> Ob
     return replace(log, relative_x_m=log.relative_x_m + further_m)
 
 
+def lacks_length(log: ObjectLog, form: LogForm) -> np.ndarray:
+    """Whether a row's distance needs a length that it does not have: of any vehicle, or of those ahead."""
+    needs = np.full(len(log.relative_x_m), form.reference == "centre")
+    needs |= (form.reference == "near_end") & (log.relative_x_m > 0.0)
+    return needs & np.isnan(log.length_m)
+
+
 def at_front(subject: MatchedSubject, form: LogForm, nominal_length_m: float) -> MatchedSubject:
     """Move the subject vehicle from the centre, where its places are, to its front bumper."""
     if form.reference != "centre":

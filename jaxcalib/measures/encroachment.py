@@ -2,8 +2,8 @@
 
 A vehicle that changes lane takes a place that its new leader has just left and its new follower would have reached
 next: the lesser of both times is the change's post-encroachment time. It is told in the first frame in the new lane,
-for vehicles that keep their speeds. A neighbour out of range is further away than sensors see; where that is nearer
-than the limit of a conflict, and nobody seen is within it, the change is censored.
+for vehicles that keep their speeds. A neighbour out of range is further away than sensors see. Near the edge of their
+range that may be nearer than the limit of a conflict: changes there are left out, whatever is seen of them.
 
 Sources: post-encroachment time, Allen, Shin & Cooper (1978), Transp. Res. Rec. 667; told from gaps and speeds at the
 change, as in the FHWA's surrogate safety assessment model (2008). The time watched after a cut-in: `SafetyLimits`.
@@ -33,7 +33,7 @@ class Encroachment(Fold):
     def count(self, scene: Scene) -> dict[str, Array]:
         """A scene's part of the tallies."""
         time_s, limit_s = post_encroachment_s(scene), scene.settings.limits.encroachment_s
-        seen = scene.is_vehicle & scene.changes_lane & ((time_s < limit_s) | sees_for(scene, limit_s))
+        seen = scene.is_vehicle & scene.changes_lane & sees_for(scene, limit_s)
         in_bin = within(time_s, jnp.asarray(ENCROACHMENT_BORDER_S))
         return {
             "encroaching_changes": jnp.sum(seen.astype(jnp.float32)),
@@ -73,12 +73,12 @@ def post_encroachment_s(scene: Scene) -> Float[Array, " object"]:
 
 
 def sees_for(scene: Scene, time_s: Float[Array, ""]) -> Bool[Array, " object"]:
-    """Whether whoever is that time ahead of or behind a vehicle at its speed is seen, be there somebody or not."""
+    """Whether whoever were that time ahead of or behind a vehicle, at its speed, would be seen."""
     frame = scene.frame
     reach_m = time_s * jnp.maximum(frame.object_speed_mps, scene.settings.least_speed_mps)
     reach_m = reach_m + scene.settings.nominal_length_m
-    ahead = scene.has_leader | (frame.ahead_m - frame.object_offset_m >= reach_m)
-    return ahead & (scene.has_follower | (frame.object_offset_m + frame.behind_m >= reach_m))
+    ahead = frame.ahead_m - frame.object_offset_m >= reach_m
+    return ahead & (frame.object_offset_m + frame.behind_m >= reach_m)
 
 
 def _measures(settings: MeasureSettings) -> list[Measure]:

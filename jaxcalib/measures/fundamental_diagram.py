@@ -6,8 +6,8 @@ class, draw the diagram, and show a capacity or a jam that a mean over a drive h
 
 Source: classes between levels of service, A and B, C and D, E, and F beyond capacity, at 11, 22 and 28 cars per
     kilometre and lane: Highway Capacity Manual (2000), ch. 23. Volume and speed: Edie (1963), as in `traffic_flow`.
-Deviation: all vehicles count as one, and frames that see less than 200 m of lane in a section say nothing of it: two
-    vehicles there would be a jam. What stretch is seen depends on the sensor, so diagrams compare only between
+Deviation: all vehicles count as one, and frames that see less than 100 m of a section say nothing of it: one vehicle
+    on 30 m of lane would be a jam. What stretch is seen depends on the sensor, so diagrams compare only between
     sources that see as far.
 """
 
@@ -24,7 +24,7 @@ from sim_adapters.units import METRES_PER_KILOMETRE, SECONDS_PER_HOUR
 TRAFFIC = Level.TRAFFIC
 LEVELS = {"ab": "A or B", "cd": "C or D", "e": "E", "f": "F"}
 DENSITY_BORDER_VEHPKM = (11.0, 22.0, 28.0)
-LEAST_LANE_M = 200.0
+LEAST_SEEN_M = 100.0
 PARTS = ("lane_m", "vehicles", "speed")
 
 
@@ -43,12 +43,13 @@ class FundamentalDiagram(Fold):
         """A scene's part of the tallies."""
         frame, road = scene.frame, scene.settings.road
         here_m = frame.subject_position_m
-        lane_m = road.lane_m_by_section(here_m - frame.behind_m, here_m + frame.ahead_m)
+        rear_m, front_m = here_m - frame.behind_m, here_m + frame.ahead_m
+        lane_m = road.lane_m_by_section(rear_m, front_m)
         in_section = within(scene.position_m, road.section_border_m)
         vehicles = sums_by_class(in_section, scene.is_vehicle.astype(jnp.float32))
         speed = sums_by_class(in_section, jnp.where(scene.is_vehicle, frame.object_speed_mps, 0.0))
-        is_seen = lane_m >= LEAST_LANE_M
-        density = METRES_PER_KILOMETRE * vehicles / jnp.maximum(lane_m, LEAST_LANE_M)
+        is_seen = jnp.diff(jnp.clip(road.section_border_m, rear_m, front_m)) >= LEAST_SEEN_M
+        density = METRES_PER_KILOMETRE * vehicles / jnp.maximum(lane_m, 1.0)
         level = jnp.searchsorted(jnp.asarray(DENSITY_BORDER_VEHPKM), density, side="right")
         counted: dict[str, Array] = {}
         for index, name in enumerate(LEVELS):

@@ -102,9 +102,14 @@ class Measure:
         """
         return self.moe is not None or self.left_out not in (LeftOut.BIN, LeftOut.FOLLOWS)
 
-    def num_telling(self, num_observations: float) -> float:
-        """How many of its observations its value rests on."""
-        return num_observations
+    @property
+    def is_per_drive(self) -> bool:
+        """Whether its observations are whole drives, or parts of them."""
+        return (self.observations or self.denominator) in ("drives", "trips")
+
+    def num_telling(self, tally: Mapping[str, float]) -> float:
+        """How much its value rests on: of what is counted per drive what is counted, else the observations."""
+        return tally[self.numerator] if self.is_per_drive else tally[self.observations or self.denominator]
 
     def tallies(self) -> tuple[str, ...]:
         """The tallies that it needs."""
@@ -166,9 +171,9 @@ class Percentile(Measure):
     borders: tuple[float, ...] = ()
     share: float = 0.5
 
-    def num_telling(self, num_observations: float) -> float:
-        """Those on the smaller side of it: a hundredth of 50 is half an observation."""
-        return num_observations * min(self.share, 1.0 - self.share)
+    def num_telling(self, tally: Mapping[str, float]) -> float:
+        """Observations on the smaller side of it: a hundredth of 50 is half an observation."""
+        return tally[self.denominator] * min(self.share, 1.0 - self.share)
 
     def tallies(self) -> tuple[str, ...]:
         """The tallies that it needs."""

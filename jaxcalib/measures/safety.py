@@ -112,9 +112,12 @@ def braking_needed(
 
 
 def _approaches(scene: Scene, seen: Bool[Array, " object"]) -> Float[Array, " class"]:
-    """Approaches by the hardest deceleration that they need: one that becomes harder goes over to the next class."""
+    """Approaches by the hardest deceleration that they need: one that becomes harder goes over to the next class.
+
+    An approach lasts as long as the gap to whoever leads closes.
+    """
     weight = seen.astype(jnp.float32)
-    borders = jnp.asarray(DRAC_BORDER_MPS2)
+    borders = jnp.asarray((*DRAC_BORDER_MPS2[:-1], jnp.inf))
     goes_on = weight * (scene.approach_mps2 > 0.0) * (scene.approached_mps2 > 0.0)
     so_far = sums_by_class(within(scene.approach_mps2, borders), weight * (scene.approach_mps2 > 0.0))
     return so_far - sums_by_class(within(scene.approached_mps2, borders), goes_on)

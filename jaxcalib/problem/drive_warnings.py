@@ -121,8 +121,8 @@ def length_warnings(case: Case, scenario: Scenario, drives: Sequence[DriveLog]) 
     if not (vtype and lacking and lengths_m[vtype] > nominal_m + LENGTH_TOLERANCE_M):
         return []
     return [
-        f"logs of {shorten(', '.join(lacking))}: no column length_m, which distances to reference = "
-        f'"{case.log_form.reference}" need; vehicles count as {nominal_m:g} m long, so that headways behind a '
+        f"logs of {shorten(', '.join(lacking))}: rows without length_m, which distances to reference = "
+        f'"{case.log_form.reference}" need; such vehicles count as {nominal_m:g} m long, so that headways behind a '
         f"{shorten(vtype)!r} of {lengths_m[vtype]:g} m are shorter than the simulation's."
     ]
 

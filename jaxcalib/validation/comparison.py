@@ -34,18 +34,18 @@ def compare_measures(
     table: Table = {}
     for name, measure in measures.items():
         in_field = measure.value(real)
-        found = [measure.value(tallies) for tallies in simulated]
-        values = np.asarray([one.value for one in found], float)
+        values = np.asarray([measure.value(tallies).value for tallies in simulated], float)
         prediction = predict(values, in_field.value)
-        telling = measure.num_telling(float(np.mean([one.num_observations for one in (in_field, *found)])))
-        is_enough = telling >= FEWEST_EVENTS and bool(np.isfinite(values).all())
-        is_tested = measure.is_tested and in_field.is_valid and is_enough
-        few = "" if is_enough else f"rests on fewer than {FEWEST_EVENTS:.0f} observations"
+        telling = float(np.mean([measure.num_telling(tallies) for tallies in (real, *simulated)]))
+        is_seen, is_enough = bool(np.isfinite(values).all()), telling >= FEWEST_EVENTS
+        is_tested = measure.is_tested and in_field.is_valid and is_seen and is_enough
+        few = "" if is_enough else f"rests on fewer than {FEWEST_EVENTS:.0f} observations in the mean"
+        lacking = "" if is_seen else "a round does not show it"
         table[name] = {
             "field": rounded(in_field.value),
             "num_observations": rounded(in_field.num_observations),
             **_prediction_entry(prediction),
-            "note": in_field.reason or few,
+            "note": in_field.reason or lacking or few,
             "p_value": rounded(prediction.p_value) if prediction and is_tested else None,
         }
     return table

@@ -79,9 +79,9 @@ def compare_within_margins(
         margin = margins[measure.moe]
         entry: dict[str, Any] = {"field": rounded(in_field.value), "simulated": rounded(simulated)}
         entry |= {"margin": margin.share, "source": margin.source}
-        fewest = min(FEWEST_EVENTS, len(field.tally))  # what each drive shows once is one for each
-        if not in_field.is_valid or in_field.num_observations < fewest or in_field.value == 0.0:
-            words = in_field.reason or f"fewer than {fewest:.0f} observations in the field"
+        is_enough = measure.is_per_drive or in_field.num_observations >= FEWEST_EVENTS  # drives are drawn anew below
+        if not in_field.is_valid or not is_enough or in_field.value == 0.0:
+            words = in_field.reason or f"fewer than {FEWEST_EVENTS:.0f} observations in the field"
             table[name] = entry | _verdict(math.nan, NOT_KNOWN, margin.share, len(field.tally)) | {"note": words}
             continue
         difference = (simulated - in_field.value) / in_field.value
@@ -135,7 +135,11 @@ def fieller_interval(
 
 @dataclass(frozen=True)
 class _Spread:
-    """How both sides of a difference scatter."""
+    """How both sides of a difference scatter.
+
+    What single runs scatter by is in both variances of the simulated value: with few rounds an interval is a little
+    wider than it need be.
+    """
 
     of_rounds: float  # variance of the simulated value, rounds drawn anew
     num_rounds: int

@@ -59,7 +59,7 @@ def compare_tails(
 
     Returns:
         By actor and then `field` or `simulated`: `threshold_mps2`, its `exceedances`, the tail's `shape` and the
-        `level_mps2` with its `interval_90`; null where there are too few exceedances.
+        `level_mps2` with its `interval_90`; null where there are too few exceedances or drives.
     """
     number = {name: index for index, name in enumerate(tally_names)}
     table = {}

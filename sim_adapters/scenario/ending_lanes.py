@@ -24,7 +24,7 @@ def ending_lanes(row_map: RowMap) -> list[EndingLane]:
     for lane in network.lanes.values():
         if lane.edge not in network.main_edges or lane.edge == network.main_edges[-1] or _onward(network, lane):
             continue
-        before = _chain_before(network, lane)
+        before = _chain_before(row_map, lane)
         found.append(
             EndingLane(row_map.row_of_lane[lane.key], before[-1].start_m, lane.end_m, leads_elsewhere(network, lane))
         )
@@ -36,12 +36,17 @@ def _onward(network: RouteNetwork, lane: RouteLane) -> list[RouteLane]:
     return [network.lanes[key] for key in lane.successors if key[0] in network.main_edges]
 
 
-def _chain_before(network: RouteNetwork, lane: RouteLane) -> list[RouteLane]:
-    """The lane and those of the carriageway that lead to it, backwards."""
+def _chain_before(row_map: RowMap, lane: RouteLane) -> list[RouteLane]:
+    """The lane and those of its row that lead to it alone, backwards; who is on one that forks has yet to choose."""
+    network, row = row_map.network, row_map.row_of_lane[lane.key]
     chain = [lane]
     while True:
         before = [
-            one for one in network.lanes.values() if one.edge in network.main_edges and chain[-1].key in one.successors
+            one
+            for one in network.lanes.values()
+            if one.edge in network.main_edges
+            and row_map.row_of_lane[one.key] == row
+            and [onward.key for onward in _onward(network, one)] == [chain[-1].key]
         ]
         if not before:
             return chain

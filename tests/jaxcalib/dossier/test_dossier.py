@@ -205,8 +205,8 @@ def test_all_that_is_there_is_told_with_its_source(problem: CalibrationProblem, 
     assert "subject_time_headway_s is the same within 15.0 %: not enough drives; 11 more would tell" in validation
     assert "volume is the same within 15.0 %: not enough drives; at least 999 more would tell" in validation
     assert "gap_m is the same within 15.0 %: fewer than 5 observations." in validation
-    assert "too few events in the field to be judged: subject_drac_exposed_share" in validation
-    assert "too few exceedances, subject in the field" in validation
+    assert "rest on too little to be judged: subject_drac_exposed_share" in validation
+    assert "too few exceedances or drives, subject in the field" in validation
     assert "traffic_speed_mps" not in validation
     assert "validation: abc-changed" in missing_of(dossier, "Versions")
     assert "--half-step" in missing_of(dossier, "Numerical")

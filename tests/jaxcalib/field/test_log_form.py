@@ -180,6 +180,9 @@ def test_distances_between_other_points(
     np.testing.assert_allclose(found.objects.offset_m, expected.objects.offset_m, atol=1e-9)
     further_m = OWN_M / 2 if reference == "centre" else 0.0
     np.testing.assert_allclose(found.subject.position_m, expected.subject.position_m + further_m, atol=1e-9)
+    assert found.counts.rows_without_length == expected.counts.rows_without_length == 0
+    lacking = read((subject, changed.drop(columns="length_m")), form)
+    assert lacking.counts.rows_without_length == is_shifted.sum()  # the rear of 9 is nowhere asked for
 
 
 def test_absent_columns_are_unknown(read: Callable, form_of: Callable, straight_drive: Tables):

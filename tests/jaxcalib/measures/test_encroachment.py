@@ -56,6 +56,16 @@ def test_a_change_with_nobody_in_range_is_none_if_a_conflict_would_be_seen(
     assert (counted["encroaching_changes"], counted["close_changes"]) == (float(is_seen), 0.0)
 
 
+@pytest.mark.parametrize("gap_m", [6.0, 60.0])
+def test_near_the_edge_of_the_range_a_change_is_left_out_whatever_is_seen_of_it(count: Count, gap_m: float):
+    """Conflicts alone would be left, were those kept in which somebody is near."""
+    frames = drive(
+        instant(1.0, Car(EGO, 2, 400.0, 20.0), Car(0, 0, 360.0, 20.0), Car(1, 1, 360.0 + gap_m + LENGTH_M, 20.0)),
+        instant(1.5, Car(EGO, 2, 410.0, 20.0), Car(0, 1, 370.0, 20.0), Car(1, 1, 370.0 + gap_m + LENGTH_M, 20.0)),
+    )
+    assert count(frames)["encroaching_changes"] == 0.0
+
+
 def cut_in(speeds_mps: list[float], moves: bool = False) -> PerceptionFrame:
     """Track 0 cuts in before the subject vehicle in the second frame; the subject vehicle's speeds from then on."""
     frames = [

@@ -1,5 +1,6 @@
 """The fundamental diagram by section, worked out by hand, and against the flow of all frames."""
 
+import itertools
 from collections.abc import Callable, Mapping
 
 import pytest
@@ -48,12 +49,14 @@ def test_a_glance_at_a_section_says_nothing(count: Count):
     assert sum(counted[f"level_{level}_lane_m[0]"] for level in LEVELS) == pytest.approx(2 * 115.0 + 100.0)
 
 
-@pytest.mark.parametrize("seed", range(6))
-def test_levels_add_up_to_the_section(count: Count, seed: int):
-    counted = count(random_drive(seed))
-    for section in range(2):
+def test_levels_add_up_to_the_section_where_every_frame_sees_enough_of_it(count: Count):
+    num_equal = 0
+    for seed, section in itertools.product(range(8), range(2)):
+        counted = count(random_drive(seed))
         of_levels = [sum(counted[f"level_{level}_{part}[{section}]"] for level in LEVELS) for part in PARTS]
         whole = [counted[f"section_{name}[{section}]"] for name in ("lane_m", "frames", "speed")]
         assert all(part <= total + 1e-3 for part, total in zip(of_levels, whole, strict=True))
-        if of_levels[0] == pytest.approx(whole[0]):
+        if of_levels[0] == pytest.approx(whole[0]) and whole[1] > 0.0:
             assert of_levels == pytest.approx(whole, rel=1e-5)
+            num_equal += 1
+    assert num_equal >= 3

@@ -110,6 +110,19 @@ def test_an_approach_counts_once_by_its_hardest_moment(count: Count):
     assert {k: number for k, number in bins.items() if number} == {12: 1.0, 7: 1.0}
 
 
+def test_the_hardest_approach_of_all_is_not_lost(count: Count):
+    """Nominal lengths overlap at the end: 20 m/s on 0.1 m need 2000 m/s^2, more than any class begins with."""
+    moments = [(40.0, 38.0), (40.0, 38.0), (0.0, 38.0)]
+    frames = drive(
+        *(
+            instant(7.0 + 0.5 * k, Car(EGO, 1, 400.0 + 10 * k, mps), Car(0, 1, 400.0 + 10 * k + gap + LENGTH_M, 18.0))
+            for k, (gap, mps) in enumerate(moments)
+        )
+    )
+    counted = count(frames)
+    assert [counted[f"subject_approach_bin[{k}]"] for k in range(len(DRAC_BORDER_MPS2) - 1)] == [0.0] * 12 + [1.0]
+
+
 def test_hard_braking(measure: MeasureOf):
     hard, soft = approach(60.0, 18.0, 18.0, before_mps=19.6), approach(60.0, 18.0, 18.0, before_mps=19.4)
     assert measure(hard, "subject_hard_braking_s_pkm").value == pytest.approx(0.5 / 9.0 * 1000.0)

@@ -59,7 +59,7 @@ def test_a_part_of_the_route_counts_as_a_part_of_a_drive():
 
 
 def test_nothing_is_counted_in_a_gap_though_the_trip_goes_on():
-    """Seen for 60 s less 24.5 s: 600 of 1488 m lie in the gap."""
+    """Seen for 59.5 s less 24 s: 600 of 1488 m lie in the gap."""
     log, tally = drive(600.0, 0.0), np.asarray([[22.0, 1.0, 1.0]])
     kept = (log.subject.time_s <= 610.0) | (log.subject.time_s >= 634.0)
     log.subject.time_s, log.subject.position_m = log.subject.time_s[kept], log.subject.position_m[kept]

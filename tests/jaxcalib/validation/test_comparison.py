@@ -152,7 +152,7 @@ def test_bins_and_what_few_observations_show_have_no_probability():
     table = judged(counted(random, 2), counted(random, 10, 2))
     assert {name for name, entry in table.items() if entry["p_value"] is not None} == {"speed", "rare"}
     assert table["share"]["interval_90"] is not None  # it is told all the same
-    assert table["short"]["note"] == "rests on fewer than 5 observations"  # a hundredth of 200
+    assert table["short"]["note"] == "rests on fewer than 5 observations in the mean"  # a hundredth of 200
     assert table["share"]["is_beyond_chance"] is None
     few = judged(counted(random, 2, events=1.0), counted(random, 10, 2, events=1.0))
     assert few["rare"]["p_value"] is None
@@ -166,11 +166,30 @@ def test_a_rare_field_is_tested_where_rounds_show_many():
     assert not table["speed"]["is_beyond_chance"]
 
 
+@pytest.mark.parametrize("number", [1, 3])
+def test_what_is_counted_per_drive_rests_on_what_is_counted(number: int):
+    """One drive, or a part of one, may show many events; none of them is as little as in rounds."""
+    per_drive = {"cut_ins": Measure("cut_ins", "", Level.VEHICLE, "events", "drives")}
+    random = np.random.default_rng(13)
+
+    def seen(mean: float, *shape: int) -> ObservedDrives:
+        tally = np.stack([random.poisson(mean, shape), np.full(shape, 0.5)], axis=-1).astype(float)
+        return ObservedDrives(tally, {}, np.zeros((*shape, 1)))
+
+    for field_mean, is_beyond in ((9.0, False), (60.0, True)):
+        table = compare_measures(per_drive, ("events", "drives"), seen(field_mean, number), seen(9.0, 20, number))
+        correct_together(table)
+        assert table["cut_ins"]["is_beyond_chance"] is is_beyond
+    few = compare_measures(per_drive, ("events", "drives"), seen(0.5, number), seen(0.5, 20, number))
+    assert few["cut_ins"]["p_value"] is None
+
+
 def test_what_one_round_does_not_show_is_not_tested():
     random = np.random.default_rng(11)
     rounds = counted(random, 10, 2)
     rounds.tally[3] = 0.0
-    assert judged(counted(random, 2), rounds)["speed"]["p_value"] is None
+    speed = judged(counted(random, 2), rounds)["speed"]
+    assert (speed["p_value"], speed["note"]) == (None, "a round does not show it")
 
 
 def test_probabilities_are_corrected_for_all_tables():

@@ -56,16 +56,16 @@ def test_few_exceedances_have_no_tail():
     assert np.isnan(tail_of(counts[:2], 1e5, THRESHOLD_MPS2).level_mps2)  # two drives scatter anyhow
 
 
-@pytest.mark.parametrize("number", [4, 8])
-def test_intervals_of_few_drives_hold_the_truth_as_often(number: int):
+def test_intervals_of_few_drives_hold_the_truth_as_often():
+    """Four drives: with the quantile of a known dispersion 84 of 100 intervals hold it."""
     random, truth = np.random.default_rng(12), THRESHOLD_MPS2 + genpareto.isf(RARER, 0.02, scale=0.6)
     held = []
-    for _ in range(60):
-        low, high = tail_of(
-            drives(random, number, 0.02, 0.6, frames=4), number * 1e3 * KM_PER_DRIVE, THRESHOLD_MPS2
-        ).interval_90_mps2
-        held.append(np.isnan(low) or low < truth < high)
-    assert binomtest(sum(held), len(held), 0.9, alternative="less").pvalue > 1e-2
+    for _ in range(250):
+        low, high = tail_of(drives(random, 4, 0.02, 0.6, frames=4), 4e3 * KM_PER_DRIVE, THRESHOLD_MPS2).interval_90_mps2
+        if np.isfinite(low):
+            held.append(low < truth < high)
+    assert len(held) > 200
+    assert np.mean(held) > 0.88
 
 
 def test_the_threshold_is_a_high_quantile():
