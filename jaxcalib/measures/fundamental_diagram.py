@@ -64,10 +64,8 @@ def _measures(settings: MeasureSettings) -> list[Measure]:
     for section in range(settings.road.num_sections):
         low, high = (float(border) for border in settings.road.section_border_m[section : section + 2])
         for level, title in LEVELS.items():
-            name, where = (
-                f"section_{section}_level_{level}",
-                f"from {low:.0f} to {high:.0f} m at level of service {title}",
-            )
+            name = f"section_{section}_level_{level}"
+            where = f"from {low:.0f} to {high:.0f} m at level of service {title}"
             lane_m, vehicles, speed = (f"level_{level}_{part}[{section}]" for part in PARTS)
             measures += [
                 Measure(

@@ -69,9 +69,8 @@ class Conflicts(Fold):
             }
             counted |= {f"{actor}_{part}": jnp.sum(values) for part, values in parts.items()}
             in_bin = sums_by_class(within(ttc, jnp.asarray(TTC_BORDER_S)), (seen & closes).astype(jnp.float32))
-            counted |= by_index(f"{actor}_ttc_bin", in_bin) | by_index(
-                f"{actor}_approach_bin", _approaches(scene, seen)
-            )
+            counted |= by_index(f"{actor}_ttc_bin", in_bin)
+            counted |= by_index(f"{actor}_approach_bin", _approaches(scene, seen))
         return counted | _at_cut_in(scene, gap, drac)
 
 
