@@ -12,6 +12,7 @@ from jaxcalib.calibration.confirmation.agreement import Agreement, compare_secti
 from jaxcalib.calibration.confirmation.confirmation import Confirmation, Finals, confirm
 from jaxcalib.calibration.confirmation.final_errors import FinalRuns
 from jaxcalib.calibration.confirmation.search_on import search_on_in_sumo
+from jaxcalib.calibration.confirmation.space_mapping import search_mapped
 from jaxcalib.calibration.first_values import find_first_values, sumo_evaluator
 from jaxcalib.calibration.stages.budget import Budget, in_sumo_alone, plan_budget
 from jaxcalib.calibration.stages.two_stage import TwoStageResult, search_two_stages
@@ -28,7 +29,7 @@ from sim_adapters.jax.simulator import JaxSimulator
 def plan_calibration(problem: CalibrationProblem, settings: Settings, scale: float, *, in_sumo: bool = False) -> Budget:
     """Return the numbers of runs of a calibration with the user's options; see `plan_budget`."""
     plan = plan_budget(problem, scale, in_sumo=in_sumo)
-    return replace(plan, confirmation_rounds=1) if "correction" in settings.without else plan
+    return replace(plan, confirmation_rounds=1, most_mappings=0) if "correction" in settings.without else plan
 
 
 @dataclass(frozen=True)
@@ -104,10 +105,14 @@ def search_values(
             agreement = _agreement_of_result(problem, confirmation)
             agreements.append(agreement)
             if may_leave_surrogate and not agreement.holds:
-                session.progress.notes([f"{agreement}; so the search goes on in SUMO."])
+                session.progress.notes([f"{agreement}; so the search goes on with SUMO."])
                 finals = Finals(initial.space, evaluator, confirming, plan, session)
-                in_sumo_plan = in_sumo_alone(plan, problem, plan.scale)
-                confirmation = search_on_in_sumo(confirmation, found, in_sumo, finals, in_sumo_plan)
+                mapped = search_mapped(confirmation, found, finals)
+                if mapped.winner == confirmation.winner:  # the surrogate is no help
+                    in_sumo_plan = in_sumo_alone(plan, problem, plan.scale)
+                    mapped = search_on_in_sumo(mapped, found, in_sumo, finals, in_sumo_plan)
+                confirmation = mapped
+                agreements[-1] = _agreement_of_result(problem, confirmation)
     return SearchedValues(
         plan=plan,
         initial=initial,

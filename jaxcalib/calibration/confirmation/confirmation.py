@@ -1,5 +1,6 @@
 """Finalists in SUMO: what the surrogate lacks is learnt from these runs, and the search goes on corrected for it."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -54,6 +55,21 @@ class Confirmation:
     def best(self) -> Float[np.ndarray, " parameter"]:
         """The winner in the unit cube."""
         return self.finalists[self.winner].unit
+
+    def joined(self, tried: "Sequence[FinalistRuns]") -> "Confirmation":
+        """Return the confirmation with further candidates; those that failed in a simulator are no finalists."""
+        runs = [
+            (one.finalist, one.confirmed) for one in tried if one.finalist is not None and one.confirmed is not None
+        ]
+        finalists = (*self.finalists, *(finalist for finalist, _ in runs))
+        return replace(
+            self,
+            finalists=finalists,
+            winner=int(np.argmax([one.accuracy for one in finalists])),
+            agrees=self.agrees and not runs,
+            confirmed=(*self.confirmed, *(confirmed for _, confirmed in runs)),
+            outcomes=(*self.outcomes, *(outcome for one in tried for outcome in one.outcomes)),
+        )
 
     @property
     def num_sumo_runs(self) -> int:

@@ -2,8 +2,6 @@
 
 from dataclasses import replace
 
-import numpy as np
-
 from jaxcalib.calibration.confirmation.confirmation import CONFIRMATION, RADIUS, Confirmation, Finals
 from jaxcalib.calibration.stages.budget import Budget
 from jaxcalib.calibration.stages.evaluator import Evaluator
@@ -34,18 +32,7 @@ def search_on_in_sumo(
     polished, _ = polish_on(
         run, confirmation.best, found.half_width, num_runs, config, CONFIRMATION, most=plan.most_polishes
     )
-    outcomes, finalist, confirmed = finals.run(polished.best, SEARCHED_ON, confirmation.objective)
-    if finalist is None or confirmed is None:
-        return confirmation
-    finalists = (*confirmation.finalists, finalist)
-    winner = int(np.argmax([one.accuracy for one in finalists]))
-    finals.session.progress.best(finalists[winner].accuracy)
-    return replace(
-        confirmation,
-        finalists=finalists,
-        winner=winner,
-        agrees=False,
-        confirmed=(*confirmation.confirmed, confirmed),
-        polishes=(*confirmation.polishes, polished),
-        outcomes=(*confirmation.outcomes, *outcomes),
-    )
+    tried = finals.run(polished.best, SEARCHED_ON, confirmation.objective)
+    confirmation = replace(confirmation.joined([tried]), polishes=(*confirmation.polishes, polished))
+    finals.session.progress.best(confirmation.finalists[confirmation.winner].accuracy)
+    return confirmation

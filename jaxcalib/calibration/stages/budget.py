@@ -23,6 +23,7 @@ NOISE_RUNS, LARGE_NOISE_RUNS = 64, 32  # whole batches of two cores; fewer would
 COVARIANCE_RUNS = 192
 GENERATION = 16  # of SAGA; others take their own batches
 MOST_POLISHES, MOST_SUMO_POLISHES = 5, 2
+MOST_MAPPINGS = 3
 SHORTLISTED = 5  # candidates, about
 SUMO_NOISE_ROUNDS, SUMO_GENERATIONS = 12, 2  # where SUMO makes the search's runs
 QUICK = 0.5  # below it SUMO confirms one finalist only
@@ -42,6 +43,7 @@ class Budget:
     confirmation_runs: int  # SUMO runs per finalist and round
     final_runs: int  # SUMO runs of the result, and of the scenario as it was, on held-out drives
     final_fit_runs: int  # the same on the drives to fit
+    most_mappings: int  # steps of space mapping, where the surrogate drives unlike SUMO; see `search_mapped`
     num_search_runs: int = 0  # of the search, about, for the progress bar
     is_in_sumo: bool = False  # whether SUMO makes them
     scale: float = 1.0  # what the numbers were made for
@@ -121,6 +123,7 @@ def _plan_budget(problem: CalibrationProblem, scale: float) -> Budget:
         confirmation_runs=num_fit if is_large or scale < QUICK else round(1.5 * num_fit),
         final_runs=final_runs,
         final_fit_runs=num_fit,
+        most_mappings=MOST_MAPPINGS if scale >= QUICK else 1,
         scale=scale,
     )
     return replace(plan, num_search_runs=_num_search_runs(problem, plan))

@@ -25,9 +25,9 @@ COUNT = 100.0
 class ToySimulator:
     """Draws tallies: for each moment a sum and a count."""
 
-    def __init__(self, failing: tuple[float, float] | None = None) -> None:
-        """Fail wherever the second parameter lies in an interval of the unit range."""
-        self.failing = failing
+    def __init__(self, failing: tuple[float, float] | None = None, shift: np.ndarray | float = 0.0) -> None:
+        """Fail wherever the second parameter lies in an interval of the unit range; else drive as with shifted ones."""
+        self.failing, self.shift = failing, shift
         self.requests: list[RunRequest] = []
 
     @property
@@ -41,7 +41,7 @@ class ToySimulator:
     def _outcome(self, request: RunRequest) -> RunOutcome:
         unit = SPACE.unit_of(np.asarray(request.values))
         fails = self.failing is not None and self.failing[0] <= unit[1] <= self.failing[1]
-        observed = None if fails else tallies(unit, request.seed)
+        observed = None if fails else tallies(unit + self.shift, request.seed)
         none = np.zeros(1, int)
         status = Status.COLLIDED if fails else Status.OK
         return RunOutcome(request, status, observed, none, none, 0)

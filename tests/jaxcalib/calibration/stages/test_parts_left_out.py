@@ -21,7 +21,7 @@ from jaxcalib.search.optimiser import Optimiser, RoundInfo, Setting, Told
 from jaxcalib.search.registry import OPTIMISERS
 from tests.jaxcalib.calibration.toy import LAYOUT, SPACE, TRUTH, ToySimulator, toy_objective
 
-BUDGET = Budget(4, 8, 12, 8, 32, 1, 1, 2, 2, 2, 100)
+BUDGET = Budget(4, 8, 12, 8, 32, 1, 1, 2, 2, 2, 0, 100)
 START = SPACE.values_of(np.full((1, 3), 0.5))[0]
 
 
