@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from sklearn.covariance import LedoitWolf
 
 from jaxcalib.errors import CaseError, quote
@@ -34,6 +34,12 @@ class Moments:
         with np.errstate(divide="ignore", invalid="ignore"):
             values = self.scale * tally[..., self.numerator] / tally[..., self.denominator]
         return np.where(tally[..., self.denominator] > 0.0, values, np.nan)
+
+    @property
+    def counts_events(self) -> Bool[np.ndarray, " moment"]:
+        """Whether each counts events, over a distance or in a drive."""
+        is_rate = np.asarray([name in self.rates for name in self.names], bool)
+        return is_rate | (self.denominator == self.drives)
 
     def influence(self, tally: Float[np.ndarray, "run tally"]) -> Float[np.ndarray, "run moment"]:
         """Influence of each run on the moments of all runs (delta method); its mean over runs is 0."""
@@ -89,7 +95,7 @@ def moments_of(measures: Sequence[Measure], tally_index: Mapping[str, int]) -> M
 def observed_moments(
     moments: Moments, field: Float[np.ndarray, "drive tally"], simulated: Float[np.ndarray, "run tally"]
 ) -> Moments:
-    """Return the moments that both the field and the simulation observe often enough.
+    """Return the moments that both the field and the simulation observe often enough; of events, that one of them does.
 
     Args:
         moments: to choose from.
@@ -100,11 +106,9 @@ def observed_moments(
     sums = field.sum(axis=0), per_run * simulated.sum(axis=0)
     is_per_drive = moments.denominator == moments.drives
     # that one side shows no event where the other shows many says something; that neither shows any does not
-    is_rate = np.asarray([name in moments.rates for name in moments.names], bool)
-    enough = ~is_rate | (np.maximum(*(tally[moments.numerator] for tally in sums)) >= FEWEST_EVENTS)
+    enough = ~moments.counts_events | (np.maximum(*(tally[moments.numerator] for tally in sums)) >= FEWEST_EVENTS)
     for tally in sums:
-        observations = np.where(is_per_drive, tally[moments.numerator], tally[moments.denominator])
-        enough &= observations >= np.where(is_per_drive, FEWEST_EVENTS, FEWEST_OBSERVATIONS)
+        enough &= is_per_drive | (tally[moments.denominator] >= FEWEST_OBSERVATIONS)
     for drives in (field, simulated):  # a mean that rests on one or two drives has no noise that could be estimated
         weight = drives[:, moments.denominator]
         num_effective = weight.sum(axis=0) ** 2 / np.maximum((weight**2).sum(axis=0), 1e-12)
@@ -113,13 +117,28 @@ def observed_moments(
     return moments.take(enough & (spread > 0.0))
 
 
-def noise_covariance(moments: Moments, simulated: Float[np.ndarray, "run tally"]) -> Float[np.ndarray, "moment moment"]:
+def noise_covariance(
+    moments: Moments, simulated: Float[np.ndarray, "run tally"], field: Float[np.ndarray, " moment"] | None = None
+) -> Float[np.ndarray, "moment moment"]:
     """Return the covariance of the moments of one run; that of n pooled runs is an n-th of it.
+
+    Events of which the field shows more than the runs vary as its do: the variance of a count is in proportion to its
+    mean (Poisson), and runs that show one event would be sure that there is none.
+
+    Args:
+        moments: what is matched.
+        simulated: tallies of runs.
+        field: the field's moments, if they are known.
 
     Source: influence of single runs (delta method for ratios of means), shrunk towards uncorrelated moments by
     Ledoit & Wolf (2004), J. Multivariate Anal. 88, as scikit-learn has it, since runs are hardly more than moments.
     """
     influence = moments.influence(simulated)
     deviation = influence.std(axis=0, ddof=1)
+    if field is not None:
+        usual = moments.values(simulated.sum(axis=0))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            more = np.where(moments.counts_events & (usual > 0.0), field / usual, 1.0)
+        influence, deviation = (values * np.sqrt(np.maximum(more, 1.0)) for values in (influence, deviation))
     correlation = LedoitWolf(assume_centered=True).fit(influence / deviation).covariance_
     return correlation * np.outer(deviation, deviation)

@@ -35,10 +35,11 @@ def choose_objective(
     else:
         candidates = all_moments(problem.measures, problem.tally_index, settings.also_match)
     moments = observed_moments(candidates, field, runs)
+    in_field = moments.values(field.sum(axis=0))
     return Objective(
         moments=moments,
-        field=moments.values(field.sum(axis=0)),
-        covariance=noise_covariance(moments, runs),
+        field=in_field,
+        covariance=noise_covariance(moments, runs, in_field),
         usual=moments.values(runs.sum(axis=0)),
         num_drives=float(field[:, moments.drives].sum()),
         evidence=evidence,

@@ -75,6 +75,29 @@ def test_a_rate_of_events_counts_by_its_events_and_not_by_the_metres_driven():
     assert observed_moments(rates, field, simulated).names == ("a", "b")
 
 
+def test_events_of_a_drive_count_where_one_side_shows_them():
+    counts = replace(two_ratios(), denominator=np.asarray([2, 4]))
+    field, simulated = ratio_tallies(8, 1), ratio_tallies(32, 2)
+    field[:, 1] = [1, 4, 0, 2, 2, 1, 0, 2]
+    simulated[:, 1] = 0.0
+    simulated[:8, 1] = 1.0  # two events in as many drives as the field's
+    assert observed_moments(counts, field, simulated).names == ("a", "b")
+    field[:, 1] = [1, 1, 0, 0, 1, 0, 0, 0]
+    assert observed_moments(counts, field, simulated).names == ("a",)
+
+
+def test_a_rare_event_in_simulation_varies_as_often_as_the_field_shows_it():
+    counts = replace(two_ratios(), denominator=np.asarray([2, 4]), scale=np.ones(2))
+    simulated = ratio_tallies(400, 2)
+    simulated[:, 1] = np.random.default_rng(3).poisson(0.05, 400)
+    plain = noise_covariance(counts, simulated)
+    often = noise_covariance(counts, simulated, np.asarray([2.0, 1.5]))
+    assert plain[1, 1] == pytest.approx(0.05, rel=0.4)
+    assert often[1, 1] == pytest.approx(1.5, rel=0.1)
+    assert often[0, 0] == plain[0, 0]  # a mean is no event
+    assert noise_covariance(counts, simulated, np.asarray([2.0, 0.01])) == pytest.approx(plain)
+
+
 def test_truth_shows_residuals_as_large_as_their_noise():
     squares = []
     for seed in range(300):
