@@ -11,7 +11,7 @@ import numpy as np
 from jaxcalib.calibration.confirmation.agreement import Agreement, compare_sections
 from jaxcalib.calibration.confirmation.confirmation import Confirmation, Finals, confirm
 from jaxcalib.calibration.confirmation.final_errors import FinalRuns
-from jaxcalib.calibration.confirmation.search_on import search_on_in_sumo
+from jaxcalib.calibration.confirmation.search_on import leaves_more_than_noise, search_on_in_sumo
 from jaxcalib.calibration.confirmation.space_mapping import search_mapped
 from jaxcalib.calibration.first_values import find_first_values, sumo_evaluator
 from jaxcalib.calibration.stages.budget import Budget, in_sumo_alone, plan_budget
@@ -102,17 +102,16 @@ def search_values(
     with session.stopwatch.time("confirmation"):
         confirmation = confirm(found, initial, evaluator, confirming, plan, session)
         if not is_in_sumo:
-            agreement = _agreement_of_result(problem, confirmation)
+            agreement = _agreement_of_result(problem, confirmation, "at the values found")
             agreements.append(agreement)
             if may_leave_surrogate and not agreement.holds:
                 session.progress.notes([f"{agreement}; so the search goes on with SUMO."])
                 finals = Finals(initial.space, evaluator, confirming, plan, session)
-                mapped = search_mapped(confirmation, found, finals)
-                if mapped.winner == confirmation.winner:  # the surrogate is no help
+                confirmation = search_mapped(confirmation, found, finals)
+                if leaves_more_than_noise(confirmation):
                     in_sumo_plan = in_sumo_alone(plan, problem, plan.scale)
-                    mapped = search_on_in_sumo(mapped, found, in_sumo, finals, in_sumo_plan)
-                confirmation = mapped
-                agreements[-1] = _agreement_of_result(problem, confirmation)
+                    confirmation = search_on_in_sumo(confirmation, found, in_sumo, finals, in_sumo_plan)
+                agreements.append(_agreement_of_result(problem, confirmation, "at the values found with SUMO"))
     return SearchedValues(
         plan=plan,
         initial=initial,
@@ -127,8 +126,8 @@ def search_values(
     )
 
 
-def _agreement_of_result(problem: CalibrationProblem, confirmation: Confirmation) -> Agreement:
+def _agreement_of_result(problem: CalibrationProblem, confirmation: Confirmation, where: str) -> Agreement:
     """Compare both simulators at the values that the search found."""
     in_surrogate = confirmation.confirmed[confirmation.winner].surrogate
     in_sumo = confirmation.finalists[confirmation.winner].tallies
-    return compare_sections(problem, in_surrogate, in_sumo, "at the values found")
+    return compare_sections(problem, in_surrogate, in_sumo, where)

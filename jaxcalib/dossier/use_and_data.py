@@ -114,8 +114,10 @@ def model_and_limits(evidence: Evidence) -> Section:
 
 def _simulators(section: Section, confirmation: Mapping[str, Any]) -> None:
     """In which simulator values were searched, and whether both see the traffic alike."""
+    further = "".join(f", then by {way}" for way in confirmation.get("went_on_by") or ())
     section.say(
-        f"Values were searched in {searched_in(confirmation)}; errors, measures and health of the result are SUMO's.",
+        f"Values were searched in {searched_in(confirmation)}{further}; "
+        "errors, measures and health of the result are SUMO's.",
         "result.json: confirmation",
     )
     for one in confirmation.get("agreement") or ():

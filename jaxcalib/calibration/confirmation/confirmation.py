@@ -22,6 +22,7 @@ from sim_adapters.interface import RunOutcome
 from sim_adapters.shared_runs import shared_runs
 
 CONFIRMATION = "confirmation"
+MAPPED, SEARCHED_ON = "space mapping", "search in SUMO"  # how a search goes on, and where such finalists come from
 CORRECTED_SEARCH = "corrected_search"  # the surrogate's part of it, for the times
 RADIUS = 0.12  # of the box of known widths
 SAME_POINT = 0.01  # of the unit range; closer points are one point to drivers
@@ -33,7 +34,7 @@ class Finalist:
 
     unit: Float[np.ndarray, " parameter"]  # in the unit cube
     accuracy: float  # in SUMO
-    surrogate_accuracy: float  # in the surrogate, as the search saw it, corrected by what was known before
+    surrogate_accuracy: float  # in the surrogate at the same values, corrected by what a corrected search knew
     origin: str  # where it comes from
     tallies: Float[np.ndarray, "run tally"]  # of its successful drives in SUMO
 
@@ -61,15 +62,15 @@ class Confirmation:
         runs = [
             (one.finalist, one.confirmed) for one in tried if one.finalist is not None and one.confirmed is not None
         ]
-        finalists = (*self.finalists, *(finalist for finalist, _ in runs))
-        return replace(
-            self,
-            finalists=finalists,
-            winner=int(np.argmax([one.accuracy for one in finalists])),
-            agrees=self.agrees and not runs,
-            confirmed=(*self.confirmed, *(confirmed for _, confirmed in runs)),
-            outcomes=(*self.outcomes, *(outcome for one in tried for outcome in one.outcomes)),
-        )
+        outcomes = (*self.outcomes, *(outcome for one in tried for outcome in one.outcomes))
+        finalists = [*self.finalists, *(finalist for finalist, _ in runs)]
+        confirmed = [*self.confirmed, *(confirmed for _, confirmed in runs)]
+        return _judged(self.objective, finalists, confirmed, self.polishes, outcomes)
+
+    @property
+    def went_on_by(self) -> list[str]:
+        """How the search went on with SUMO, if it did."""
+        return [way for way in (MAPPED, SEARCHED_ON) if any(one.origin.startswith(way) for one in self.finalists)]
 
     @property
     def num_sumo_runs(self) -> int:
@@ -176,17 +177,30 @@ def confirm(
         reasons = reasons or "the surrogate, which is to be compared with it, cannot drive there"
         tail = next((outcome.log_tail for outcome in outcomes if outcome.log_tail), "")
         raise AllRunsFailedError(f"the search's result failed in SUMO: {reasons}", tail)
+    return _judged(objective, finalists, confirmed, tuple(polishes), tuple(outcomes))
+
+
+def _judged(
+    objective: Objective,
+    finalists: list[Finalist],
+    confirmed: list[Confirmed],
+    polishes: tuple[Optimisation, ...],
+    outcomes: tuple[RunOutcome, ...],
+) -> Confirmation:
+    """Return what finalists say together: the winner, and the discrepancy learnt from all of them."""
+    discrepancy = learn_discrepancy(objective.moments, objective.covariance, objective.num_drives, confirmed)
+    objective = replace(objective, discrepancy=discrepancy)
     winner = int(np.argmax([one.accuracy for one in finalists]))
     corrected = [_corrected_accuracy(objective, one) for one in confirmed]
     return Confirmation(
         finalists=tuple(finalists),
         winner=winner,
         agrees=int(np.argmax(corrected)) == winner,
-        discrepancy=objective.discrepancy,  # pyright: ignore[reportArgumentType]
+        discrepancy=discrepancy,
         objective=objective,
         confirmed=tuple(confirmed),
-        polishes=tuple(polishes),
-        outcomes=tuple(outcomes),
+        polishes=polishes,
+        outcomes=outcomes,
     )
 
 

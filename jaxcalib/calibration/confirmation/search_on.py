@@ -2,14 +2,28 @@
 
 from dataclasses import replace
 
-from jaxcalib.calibration.confirmation.confirmation import CONFIRMATION, RADIUS, Confirmation, Finals
+from scipy.stats import chi2
+
+from jaxcalib.calibration.confirmation.confirmation import CONFIRMATION, RADIUS, SEARCHED_ON, Confirmation, Finals
 from jaxcalib.calibration.stages.budget import Budget
 from jaxcalib.calibration.stages.evaluator import Evaluator
-from jaxcalib.calibration.stages.optimisation import polish_config, polish_on
+from jaxcalib.calibration.stages.optimisation import SIGNIFICANT, polish_config, polish_on
 from jaxcalib.calibration.stages.search_run import SearchRun
 from jaxcalib.calibration.stages.two_stage import TwoStageResult
 
-SEARCHED_ON = "search in SUMO"
+
+def leaves_more_than_noise(confirmation: Confirmation) -> bool:
+    """Whether the best finalist's misfit in SUMO is more than chance explains (chi-square, 5 %).
+
+    Relative errors have no noise that could tell: there it always may be.
+    """
+    objective = replace(confirmation.objective, discrepancy=None)
+    if objective.is_relative:
+        return True
+    num_residuals = len(objective.moments.names) + len(objective.evidence.whitener)
+    accuracy = confirmation.finalists[confirmation.winner].accuracy
+    misfit = num_residuals * ((1.0 - accuracy) / objective.relative_noise) ** 2
+    return bool(chi2.sf(misfit, num_residuals) < SIGNIFICANT)
 
 
 def search_on_in_sumo(

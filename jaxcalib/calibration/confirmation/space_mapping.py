@@ -20,6 +20,7 @@ from jaxtyping import Float
 from jaxcalib.calibration.confirmation.confirmation import (
     CONFIRMATION,
     CORRECTED_SEARCH,
+    MAPPED,
     SAME_POINT,
     Confirmation,
     Finals,
@@ -30,7 +31,6 @@ from jaxcalib.calibration.stages.optimisation import Optimisation, polish_config
 from jaxcalib.calibration.stages.search_run import Judged, SearchRun
 from jaxcalib.calibration.stages.two_stage import POLISH_RADIUS, TwoStageResult
 
-MAPPED = "space mapping"
 SHARES = (0.5, 1.0)  # of a step, tried together
 
 Unit = Float[np.ndarray, " parameter"]
@@ -48,6 +48,8 @@ def search_mapped(confirmation: Confirmation, found: TwoStageResult, finals: Fin
         The confirmation with the points tried as further finalists; they count equally often in SUMO as all others.
     """
     objective = replace(confirmation.objective, discrepancy=None)
+    if objective.is_relative:  # without noise, what one simulator shows cannot take the place of the field
+        return confirmation
     search = _SurrogateSearch(finals, found)
     optimum = found.best
     for number in range(finals.plan.most_mappings):
@@ -58,12 +60,18 @@ def search_mapped(confirmation: Confirmation, found: TwoStageResult, finals: Fin
         step = np.clip(optimum - shift, 0.0, 1.0) - best
         if np.abs(step).max() < SAME_POINT:
             break
-        tried = [finals.run(best + share * step, f"{MAPPED} {number + 1}", objective) for share in SHARES]
+        new = [one for share in SHARES if not is_among(one := best + share * step, confirmation)]
+        tried = [finals.run(one, f"{MAPPED} {number + 1}", objective) for one in new]
         before, confirmation = confirmation.winner, confirmation.joined(tried)
         finals.session.progress.best(confirmation.finalists[confirmation.winner].accuracy)
         if confirmation.winner == before:
             break
     return confirmation
+
+
+def is_among(unit: Unit, confirmation: Confirmation) -> bool:
+    """Whether a point is that of a finalist, up to what drivers would notice."""
+    return any(np.abs(unit - one.unit).max() < SAME_POINT for one in confirmation.finalists)
 
 
 def as_field(objective: Objective, unit: Unit, seen: Confirmed) -> Objective:

@@ -11,7 +11,7 @@ from sklearn.covariance import LedoitWolf
 from jaxcalib.errors import CaseError, quote
 from jaxcalib.measures.measure import Level, Measure
 
-FEWEST_EVENTS = 5.0  # in all drives to fit together, of what is counted per drive
+FEWEST_EVENTS = 5.0  # in all drives to fit together, of what is counted per drive or over a distance
 FEWEST_OBSERVATIONS = 30.0  # in all drives to fit together; fewer say nothing of a mean
 FEWEST_EFFECTIVE_DRIVES = 3.5
 
@@ -36,10 +36,9 @@ class Moments:
         return np.where(tally[..., self.denominator] > 0.0, values, np.nan)
 
     @property
-    def counts_events(self) -> Bool[np.ndarray, " moment"]:
-        """Whether each counts events, over a distance or in a drive."""
-        is_rate = np.asarray([name in self.rates for name in self.names], bool)
-        return is_rate | (self.denominator == self.drives)
+    def is_per_drive(self) -> Bool[np.ndarray, " moment"]:
+        """Whether each counts events in a drive."""
+        return self.denominator == self.drives
 
     def influence(self, tally: Float[np.ndarray, "run tally"]) -> Float[np.ndarray, "run moment"]:
         """Influence of each run on the moments of all runs (delta method); its mean over runs is 0."""
@@ -93,7 +92,11 @@ def moments_of(measures: Sequence[Measure], tally_index: Mapping[str, int]) -> M
 
 
 def observed_moments(
-    moments: Moments, field: Float[np.ndarray, "drive tally"], simulated: Float[np.ndarray, "run tally"]
+    moments: Moments,
+    field: Float[np.ndarray, "drive tally"],
+    simulated: Float[np.ndarray, "run tally"],
+    *,
+    on_both_sides: bool = False,
 ) -> Moments:
     """Return the moments that both the field and the simulation observe often enough; of events, that one of them does.
 
@@ -101,12 +104,15 @@ def observed_moments(
         moments: to choose from.
         field: tallies of the field's drives.
         simulated: tallies of runs near where the search begins.
+        on_both_sides: whether both must show events, as relative errors need.
     """
     per_run = field[:, moments.drives].sum() / len(simulated)
     sums = field.sum(axis=0), per_run * simulated.sum(axis=0)
-    is_per_drive = moments.denominator == moments.drives
+    is_per_drive = moments.is_per_drive
+    is_rate = np.asarray([name in moments.rates for name in moments.names], bool)
     # that one side shows no event where the other shows many says something; that neither shows any does not
-    enough = ~moments.counts_events | (np.maximum(*(tally[moments.numerator] for tally in sums)) >= FEWEST_EVENTS)
+    shown = (np.minimum if on_both_sides else np.maximum)(*(tally[moments.numerator] for tally in sums))
+    enough = ~(is_rate | is_per_drive) | (shown >= FEWEST_EVENTS)
     for tally in sums:
         enough &= is_per_drive | (tally[moments.denominator] >= FEWEST_OBSERVATIONS)
     for drives in (field, simulated):  # a mean that rests on one or two drives has no noise that could be estimated
@@ -114,7 +120,7 @@ def observed_moments(
         num_effective = weight.sum(axis=0) ** 2 / np.maximum((weight**2).sum(axis=0), 1e-12)
         enough &= num_effective >= min(FEWEST_EFFECTIVE_DRIVES, 0.8 * len(drives))
     spread = np.nan_to_num(moments.influence(simulated)).std(axis=0)
-    return moments.take(enough & (spread > 0.0))
+    return moments.take(enough & (is_per_drive | (spread > 0.0)))  # a count that is always 0 has the field's noise
 
 
 def noise_covariance(
@@ -122,8 +128,8 @@ def noise_covariance(
 ) -> Float[np.ndarray, "moment moment"]:
     """Return the covariance of the moments of one run; that of n pooled runs is an n-th of it.
 
-    Events of which the field shows more than the runs vary as its do: the variance of a count is in proportion to its
-    mean (Poisson), and runs that show one event would be sure that there is none.
+    The variance of a count is in proportion to its mean and at least that, as Poisson's. Where the field shows more of
+    it than the runs, what its variance is more is added: runs with one event would be sure that there is none.
 
     Args:
         moments: what is matched.
@@ -135,10 +141,14 @@ def noise_covariance(
     """
     influence = moments.influence(simulated)
     deviation = influence.std(axis=0, ddof=1)
-    if field is not None:
-        usual = moments.values(simulated.sum(axis=0))
-        with np.errstate(divide="ignore", invalid="ignore"):
-            more = np.where(moments.counts_events & (usual > 0.0), field / usual, 1.0)
-        influence, deviation = (values * np.sqrt(np.maximum(more, 1.0)) for values in (influence, deviation))
-    correlation = LedoitWolf(assume_centered=True).fit(influence / deviation).covariance_
-    return correlation * np.outer(deviation, deviation)
+    correlation = (
+        LedoitWolf(assume_centered=True).fit(influence / np.where(deviation > 0.0, deviation, 1.0)).covariance_
+    )
+    covariance = correlation * np.outer(deviation, deviation)
+    if field is None:
+        return covariance
+    usual, variance = moments.values(simulated.sum(axis=0)), deviation**2
+    with np.errstate(divide="ignore", invalid="ignore"):
+        in_proportion = np.where(usual > 0.0, variance * field / usual, 0.0)
+    in_field = np.maximum(in_proportion, moments.scale * field)
+    return covariance + np.diag(np.where(moments.is_per_drive, np.maximum(in_field - variance, 0.0), 0.0))

@@ -34,7 +34,7 @@ def choose_objective(
         candidates = moments_of([by_moe[moe] for moe in Moe], problem.tally_index)
     else:
         candidates = all_moments(problem.measures, problem.tally_index, settings.also_match)
-    moments = observed_moments(candidates, field, runs)
+    moments = observed_moments(candidates, field, runs, on_both_sides=is_relative)
     in_field = moments.values(field.sum(axis=0))
     return Objective(
         moments=moments,

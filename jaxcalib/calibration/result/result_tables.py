@@ -94,6 +94,7 @@ def build_result(record: CalibrationRecord) -> CalibrationResult:
             "surrogate_ranks_alike": record.confirmation.agrees,
             "agreement": [one.as_table() for one in record.agreements],
             "searched_in_sumo": record.is_in_sumo,
+            "went_on_by": record.confirmation.went_on_by,
             "discrepancy_in_noise": record.confirmation.discrepancy.amplitude,
             "noise_floor_accuracy": record.found.objective.noise_floor_accuracy,
             "flow_accuracy_stage1_stage2_polish": list(record.found.stage_1_accuracy),
@@ -111,7 +112,7 @@ def build_result(record: CalibrationRecord) -> CalibrationResult:
         warnings=[
             *problem.warnings(),
             *record.notes,
-            *_agreement_warnings(record),
+            *(str(one) for one in record.agreements if not one.holds),
             *_bound_warnings(record),
             *unfinished_warnings(_health(record)),
             *missing_warnings(
@@ -218,10 +219,6 @@ def _parameter_table(record: CalibrationRecord) -> dict[str, Interval]:
 
 def _is_at_bound(record: CalibrationRecord, place: int) -> bool:
     return bool(min(record.confirmation.best[place], 1.0 - record.confirmation.best[place]) < NEAR_BOUND)
-
-
-def _agreement_warnings(record: CalibrationRecord) -> list[str]:
-    return [str(one) for one in record.agreements if not one.holds]
 
 
 def _bound_warnings(record: CalibrationRecord) -> list[str]:

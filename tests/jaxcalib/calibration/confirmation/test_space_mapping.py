@@ -5,10 +5,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from jaxcalib.calibration.confirmation.confirmation import Confirmation, Finals
+from jaxcalib.calibration.confirmation.confirmation import MAPPED, Confirmation, Finals
 from jaxcalib.calibration.confirmation.discrepancy import Confirmed, learn_discrepancy
+from jaxcalib.calibration.confirmation.search_on import leaves_more_than_noise
 from jaxcalib.calibration.confirmation.space_mapping import SHARES, as_field, search_mapped, shifted
-from jaxcalib.calibration.objective.evidence import independent_evidence
+from jaxcalib.calibration.objective.evidence import Evidence, independent_evidence
 from jaxcalib.calibration.stages.budget import Budget
 from jaxcalib.calibration.stages.evaluator import Evaluator
 from jaxcalib.runs.session import Session, open_session
@@ -30,9 +31,11 @@ def finals_of(session: Session, sumo: ToySimulator, shift: np.ndarray | float = 
     return Finals(SPACE, *evaluators, plan=BUDGET, session=session)
 
 
-def begin(finals: Finals, unit: np.ndarray) -> tuple[Confirmation, SimpleNamespace]:
+def begin(
+    finals: Finals, unit: np.ndarray, evidence: Evidence | None = None, **options: bool
+) -> tuple[Confirmation, SimpleNamespace]:
     """What a search in the surrogate leaves that ended at a point."""
-    objective = toy_objective(num_drives=64)
+    objective = replace(toy_objective(evidence, num_drives=64), **options)
     runs = finals.run(unit, "two stages", objective)
     assert runs.finalist is not None
     assert runs.confirmed is not None
@@ -42,23 +45,51 @@ def begin(finals: Finals, unit: np.ndarray) -> tuple[Confirmation, SimpleNamespa
     return confirmation, SimpleNamespace(best=unit, judged=[], half_width=np.full(3, 0.35))
 
 
-def test_steps_lead_to_where_sumo_drives_as_the_field_does(session: Session):
+@pytest.mark.parametrize("evidence", [None, independent_evidence(TRUTH, np.full(3, 0.03))])
+def test_steps_lead_to_where_sumo_drives_as_the_field_does(session: Session, evidence: Evidence | None):
     sumo = ToySimulator()
     finals = finals_of(session, sumo)
-    confirmation, found = begin(finals, TRUTH - SHIFT)  # where the surrogate drives as the field does
+    confirmation, found = begin(finals, TRUTH - SHIFT, evidence)  # where the surrogate drives as the field does
     mapped = search_mapped(confirmation, found, finals)
     assert np.linalg.norm(mapped.best - TRUTH) < 0.35 * np.linalg.norm(SHIFT)
     assert 1.0 - mapped.finalists[mapped.winner].accuracy < 0.5 * (1.0 - confirmation.finalists[0].accuracy)
     assert len(sumo.requests) == BUDGET.confirmation_runs * len(mapped.finalists) == len(mapped.outcomes)
-    assert len(mapped.finalists) <= 1 + len(SHARES) * BUDGET.most_mappings
+    assert len(mapped.finalists) < 1 + len(SHARES) * BUDGET.most_mappings  # it ends where nothing more is gained
+    assert mapped.went_on_by == [MAPPED]
+    assert leaves_more_than_noise(confirmation)
+    assert not leaves_more_than_noise(mapped)
 
 
-def test_where_the_two_drive_alike_the_result_stays_at_the_truth(session: Session):
+def test_where_the_two_drive_alike_the_surrogates_own_optimum_is_found(session: Session):
     finals = finals_of(session, ToySimulator(), shift=0.0)
-    confirmation, found = begin(finals, TRUTH)
+    confirmation, found = begin(finals, TRUTH - SHIFT)  # where a search ended too early
     mapped = search_mapped(confirmation, found, finals)
-    assert mapped.best == pytest.approx(TRUTH, abs=0.06)
-    assert mapped.finalists[mapped.winner].accuracy >= confirmation.finalists[0].accuracy
+    assert np.linalg.norm(mapped.best - TRUTH) < 0.35 * np.linalg.norm(SHIFT)
+
+
+def test_no_point_is_run_twice(session: Session):
+    sumo = ToySimulator()
+    finals = finals_of(session, sumo)
+    search_mapped(*begin(finals, TRUTH - SHIFT), finals)
+    assert len({(request.values, request.seed) for request in sumo.requests}) == len(sumo.requests)
+
+
+def test_relative_errors_are_left_to_other_searches(session: Session):
+    finals = finals_of(session, ToySimulator())
+    confirmation, found = begin(finals, TRUTH - SHIFT, is_relative=True)
+    assert search_mapped(confirmation, found, finals) is confirmation
+    assert leaves_more_than_noise(confirmation)
+
+
+def test_the_corrected_surrogate_is_asked_again_which_finalist_is_best(session: Session):
+    finals = finals_of(session, ToySimulator())
+    confirmation, _ = begin(finals, TRUTH)
+    objective = replace(confirmation.objective, discrepancy=None)
+    worse = confirmation.joined([finals.run(TRUTH - SHIFT, "elsewhere", objective)])
+    assert (worse.winner, worse.agrees, worse.went_on_by) == (0, True, [])
+    corrected = worse.objective.residuals(worse.confirmed[1].unit[None], worse.confirmed[1].surrogate[None], 64)
+    assert confirmation.objective.discrepancy is not worse.objective.discrepancy
+    assert np.isfinite(corrected).all()
 
 
 def test_points_at_which_sumo_fails_are_no_finalists(session: Session):

@@ -86,16 +86,42 @@ def test_events_of_a_drive_count_where_one_side_shows_them():
     assert observed_moments(counts, field, simulated).names == ("a",)
 
 
-def test_a_rare_event_in_simulation_varies_as_often_as_the_field_shows_it():
+def test_relative_errors_need_events_on_both_sides():
+    counts = replace(two_ratios(), denominator=np.asarray([2, 4]))
+    field, simulated = ratio_tallies(8, 1), ratio_tallies(32, 2)
+    field[:, 1], simulated[:, 1] = 0.0, 2.0  # a relative error would be infinite
+    assert observed_moments(counts, field, simulated).names == ("a", "b")
+    assert observed_moments(counts, field, simulated, on_both_sides=True).names == ("a",)
+    field[:, 1] = 1.0
+    assert observed_moments(counts, field, simulated, on_both_sides=True).names == ("a", "b")
+
+
+def test_a_count_varies_at_least_as_the_field_shows_it():
     counts = replace(two_ratios(), denominator=np.asarray([2, 4]), scale=np.ones(2))
     simulated = ratio_tallies(400, 2)
     simulated[:, 1] = np.random.default_rng(3).poisson(0.05, 400)
+    simulated[:, 0] += 30.0 * simulated[:, 1]
     plain = noise_covariance(counts, simulated)
-    often = noise_covariance(counts, simulated, np.asarray([2.0, 1.5]))
+    often = noise_covariance(counts, simulated, np.asarray([9.0, 1.5]))
     assert plain[1, 1] == pytest.approx(0.05, rel=0.4)
-    assert often[1, 1] == pytest.approx(1.5, rel=0.1)
-    assert often[0, 0] == plain[0, 0]  # a mean is no event
-    assert noise_covariance(counts, simulated, np.asarray([2.0, 0.01])) == pytest.approx(plain)
+    assert often[1, 1] == pytest.approx(1.5, rel=0.2)
+    assert often[0, 0] == plain[0, 0]  # a mean is no count
+    assert often[0, 1] == plain[0, 1] != 0.0  # more variance, but no more correlation
+    assert noise_covariance(counts, simulated, np.asarray([9.0, 0.01])) == pytest.approx(plain)
+    crowds = simulated.copy()
+    crowds[:, 1] = 12.0 * np.random.default_rng(4).poisson(0.5, 400)  # counts that come in dozens
+    assert noise_covariance(counts, crowds, np.asarray([9.0, 12.0]))[1, 1] == pytest.approx(2 * 72.0, rel=0.2)
+
+
+def test_a_count_that_simulation_never_shows_is_matched_with_the_fields_noise():
+    counts = replace(two_ratios(), denominator=np.asarray([2, 4]), scale=np.ones(2))
+    field, simulated = ratio_tallies(8, 1), ratio_tallies(32, 2)
+    field[:, 1], simulated[:, 1] = [1, 4, 0, 2, 2, 1, 0, 2], 0.0
+    observed = observed_moments(counts, field, simulated)
+    assert observed.names == ("a", "b")
+    covariance = noise_covariance(observed, simulated, observed.values(field.sum(axis=0)))
+    assert covariance[1, 1] == pytest.approx(1.5)
+    assert covariance[0, 1] == 0.0
 
 
 def test_truth_shows_residuals_as_large_as_their_noise():
