@@ -348,3 +348,10 @@ def test_a_search_that_sumo_made_is_told_as_one(problem: CalibrationProblem, tmp
     assert "Parameters; intervals by logs and SUMO" in titles
     assert any(title.startswith("Sensitivity in stage1") and title.endswith("in SUMO") for title in titles)
     assert missing_of(dossier, "Model") == ""
+
+
+def test_a_search_that_went_on_with_sumo_is_told_as_one(problem: CalibrationProblem, tmp_path: Path):
+    result = result_of(problem)
+    result["confirmation"]["went_on_by"] = ["space mapping", "search in SUMO"]
+    said = write_dossier(CORRIDOR, run_with(tmp_path, result=result)).to_json()
+    assert "Values were searched in the surrogate, then by space mapping, then by search in SUMO; errors" in said
