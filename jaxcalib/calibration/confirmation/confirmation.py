@@ -51,6 +51,14 @@ class Confirmation:
     confirmed: tuple[Confirmed, ...]  # what both simulators showed of each finalist
     polishes: tuple[Optimisation, ...]  # what each corrected search reported
     outcomes: tuple[RunOutcome, ...]  # all drives of the finalists in SUMO
+    # by how much the surrogate's values lie from SUMO's of the same traffic, near the winner; None unless mapped
+    shift: Float[np.ndarray, " parameter"] | None = None
+    judged: tuple[Judged, ...] = ()  # candidates that the surrogate ran to know it
+
+    @property
+    def best_in_surrogate(self) -> Float[np.ndarray, " parameter"]:
+        """Where the surrogate drives as SUMO does at the winner, in the unit cube, as far as is known."""
+        return self.best if self.shift is None else np.clip(self.best + self.shift, 0.0, 1.0)
 
     @property
     def best(self) -> Float[np.ndarray, " parameter"]:
@@ -65,7 +73,8 @@ class Confirmation:
         outcomes = (*self.outcomes, *(outcome for one in tried for outcome in one.outcomes))
         finalists = [*self.finalists, *(finalist for finalist, _ in runs)]
         confirmed = [*self.confirmed, *(confirmed for _, confirmed in runs)]
-        return _judged(self.objective, finalists, confirmed, self.polishes, outcomes)
+        together = _judged(self.objective, finalists, confirmed, self.polishes, outcomes)
+        return replace(together, shift=self.shift, judged=self.judged)
 
     @property
     def went_on_by(self) -> list[str]:

@@ -62,7 +62,8 @@ def search_mapped(confirmation: Confirmation, found: TwoStageResult, finals: Fin
             break
         new = [one for share in SHARES if not is_among(one := best + share * step, confirmation)]
         tried = [finals.run(one, f"{MAPPED} {number + 1}", objective) for one in new]
-        before, confirmation = confirmation.winner, confirmation.joined(tried)
+        before = confirmation.winner
+        confirmation = replace(confirmation.joined(tried), shift=shift, judged=search.judged)
         finals.session.progress.best(confirmation.finalists[confirmation.winner].accuracy)
         if confirmation.winner == before:
             break
@@ -103,6 +104,12 @@ class _SurrogateSearch:
         self._finals = finals
         self._half_width = found.half_width
         self._known: list[Judged] = list(found.judged)
+        self._num_found = len(self._known)
+
+    @property
+    def judged(self) -> tuple[Judged, ...]:
+        """The candidates that it has run."""
+        return tuple(self._known[self._num_found :])
 
     def polished(self, objective: Objective, start: Unit) -> Optimisation:
         """Polish a point of the unit cube."""

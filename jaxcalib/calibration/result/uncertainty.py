@@ -14,9 +14,9 @@ LEAST_EIGENVALUE = 1e-3  # of the information; what is known less well counts as
 def parameter_errors(record: CalibrationRecord) -> Float[np.ndarray, " parameter"]:
     """Return the standard error of each parameter in the unit cube; inf where the data say nothing.
 
-    Gauss-Newton: a response surface through all candidates near the result gives the sensitivity of the whitened
-    residuals, whose squares add up to the information on the parameters. Residuals are in units of their noise, field
-    and model error included, and the logs' own evidence is among them.
+    Gauss-Newton: a response surface through all candidates near the result, or where the surrogate drives as SUMO does
+    there, gives the sensitivity of the whitened residuals, whose squares add up to the information on the parameters.
+    Residuals are in units of their noise, field and model error included, and the logs' own evidence is among them.
 
     Slopes that are noise would count as knowledge, and with many parameters most of what they add up to is noise. So
     what their errors add up to on average is taken off; no direction ends up with less than nothing.
@@ -29,9 +29,11 @@ def parameter_errors(record: CalibrationRecord) -> Float[np.ndarray, " parameter
     objective, space = record.confirmation.objective, record.initial.space
     if objective.is_relative:  # relative errors have no noise that an error could follow from
         return np.full(len(space.names), np.inf)
-    box = search_box(record.confirmation.best, range(len(space.names)), record.found.half_width)
-    surface = local_surface(objective, box, record.found.judged, record.confirmation.best)
-    best = record.confirmation.finalists[record.confirmation.winner]
+    confirmation = record.confirmation
+    center, judged = confirmation.best_in_surrogate, [*record.found.judged, *confirmation.judged]
+    box = search_box(center, range(len(space.names)), record.found.half_width)
+    surface = local_surface(objective, box, judged, center)
+    best = confirmation.finalists[confirmation.winner]
     excess = birge_ratio(best.accuracy, objective.relative_noise)
     per_step = information_of(surface, len(objective.moments.names), excess)
     information = per_step / np.outer(*[surface.radius * box.width] * 2)

@@ -10,8 +10,10 @@ from jaxcalib.calibration.confirmation.discrepancy import Confirmed, learn_discr
 from jaxcalib.calibration.confirmation.search_on import leaves_more_than_noise
 from jaxcalib.calibration.confirmation.space_mapping import SHARES, as_field, search_mapped, shifted
 from jaxcalib.calibration.objective.evidence import Evidence, independent_evidence
+from jaxcalib.calibration.result.uncertainty import parameter_errors
 from jaxcalib.calibration.stages.budget import Budget
 from jaxcalib.calibration.stages.evaluator import Evaluator
+from jaxcalib.calibration.stages.search_run import SearchRun
 from jaxcalib.runs.session import Session, open_session
 from tests.jaxcalib.calibration.toy import SPACE, TRUTH, ToySimulator, toy_objective
 
@@ -65,6 +67,24 @@ def test_where_the_two_drive_alike_the_surrogates_own_optimum_is_found(session: 
     confirmation, found = begin(finals, TRUTH - SHIFT)  # where a search ended too early
     mapped = search_mapped(confirmation, found, finals)
     assert np.linalg.norm(mapped.best - TRUTH) < 0.35 * np.linalg.norm(SHIFT)
+
+
+def test_what_the_data_know_is_asked_where_the_surrogate_drives_as_sumo_does(session: Session):
+    finals = finals_of(session, ToySimulator())
+    confirmation, found = begin(finals, TRUTH - SHIFT)
+    found.half_width = np.full(3, 0.1)  # less than the shift
+    mapped = search_mapped(confirmation, found, finals)
+    assert mapped.shift is not None
+    assert mapped.best_in_surrogate == pytest.approx(np.clip(mapped.best + mapped.shift, 0.0, 1.0))
+    assert np.linalg.norm(mapped.best_in_surrogate - (mapped.best - SHIFT)) < 0.5 * np.linalg.norm(SHIFT)
+    record = SimpleNamespace(confirmation=mapped, initial=SimpleNamespace(space=SPACE), found=found)
+    assert (parameter_errors(record) < 0.1).all()
+    unit = mapped.best_in_surrogate + 0.09 * (2.0 * np.random.default_rng(1).random((40, 3)) - 1.0)
+    run = SearchRun(finals.surrogate, SPACE, confirmation.objective)
+    near = replace(mapped, judged=(run.judge(unit, 64, "near"),))
+    assert (parameter_errors(SimpleNamespace(confirmation=near, initial=record.initial, found=found)) < 0.1).all()
+    unmapped = replace(near, shift=None)  # nobody has driven near SUMO's own values
+    assert np.isinf(parameter_errors(SimpleNamespace(confirmation=unmapped, initial=record.initial, found=found))).all()
 
 
 def test_no_point_is_run_twice(session: Session):
