@@ -11,7 +11,7 @@ from jaxcalib.calibration.confirmation.discrepancy import Confirmed, LearntDiscr
 from jaxcalib.calibration.objective.objective import Objective
 from jaxcalib.calibration.stages.budget import Budget
 from jaxcalib.calibration.stages.evaluator import AllRunsFailedError, Evaluator
-from jaxcalib.calibration.stages.optimisation import Optimisation, polish_config, polish_on
+from jaxcalib.calibration.stages.optimisation import polish_config, polish_on
 from jaxcalib.calibration.stages.search_run import CourseEntry, Judged, SearchRun
 from jaxcalib.calibration.stages.two_stage import TwoStageResult
 from jaxcalib.initial_values.initial_point import InitialPoint
@@ -19,7 +19,6 @@ from jaxcalib.problem.parameter_space import ParameterSpace
 from jaxcalib.runs.seeds import NOISE_OFFSET
 from jaxcalib.runs.session import Session
 from sim_adapters.interface import RunOutcome
-from sim_adapters.shared_runs import shared_runs
 
 CONFIRMATION = "confirmation"
 MAPPED, SEARCHED_ON = "space mapping", "search in SUMO"  # how a search goes on, and where such finalists come from
@@ -49,7 +48,6 @@ class Confirmation:
     discrepancy: LearntDiscrepancy  # learnt from all finalists
     objective: Objective  # the objective, corrected by it
     confirmed: tuple[Confirmed, ...]  # what both simulators showed of each finalist
-    polishes: tuple[Optimisation, ...]  # what each corrected search reported
     outcomes: tuple[RunOutcome, ...]  # all drives of the finalists in SUMO
     # by how much the surrogate's values lie from SUMO's of the same traffic, near the winner; None unless mapped
     shift: Float[np.ndarray, " parameter"] | None = None
@@ -73,18 +71,13 @@ class Confirmation:
         outcomes = (*self.outcomes, *(outcome for one in tried for outcome in one.outcomes))
         finalists = [*self.finalists, *(finalist for finalist, _ in runs)]
         confirmed = [*self.confirmed, *(confirmed for _, confirmed in runs)]
-        together = _judged(self.objective, finalists, confirmed, self.polishes, outcomes)
+        together = _judged(_learnt(self.objective, confirmed), finalists, confirmed, outcomes)
         return replace(together, shift=self.shift, judged=self.judged)
 
     @property
     def went_on_by(self) -> list[str]:
         """How the search went on with SUMO, if it did."""
         return [way for way in (MAPPED, SEARCHED_ON) if any(one.origin.startswith(way) for one in self.finalists)]
-
-    @property
-    def num_sumo_runs(self) -> int:
-        """SUMO runs of the finalists; drives may have shared some."""
-        return len(shared_runs([outcome.request for outcome in self.outcomes]))
 
 
 class FinalistRuns(NamedTuple):
@@ -117,7 +110,7 @@ class Finals:
             return nobody
         rounded = self.space.unit_of(values)
         seen = objective.accuracy(objective.residuals(rounded, in_surrogate.pooled, num_surrogate))
-        plain = replace(objective, discrepancy=None)
+        plain = objective.of_simulator()
         accuracy = float(plain.accuracy(plain.residuals(rounded, in_sumo.pooled, worth))[0])
         tallies = in_sumo.tally[0]
         finalist = Finalist(unit, accuracy, float(seen[0]), origin, tallies[np.isfinite(tallies).all(axis=1)])
@@ -154,7 +147,6 @@ def confirm(
     course: list[CourseEntry] = found.course
     confirmed: list[Confirmed] = []
     finalists: list[Finalist] = []
-    polishes: list[Optimisation] = []
     outcomes: list[RunOutcome] = []
     judged: list[Judged] = list(found.judged)
     unit, origin = found.best, "two stages"
@@ -166,8 +158,7 @@ def confirm(
         finalists.append(runs.finalist)
         session.progress.best(max(one.accuracy for one in finalists))
         confirmed.append(runs.confirmed)
-        discrepancy = learn_discrepancy(objective.moments, objective.covariance, objective.num_drives, confirmed)
-        objective = replace(objective, discrepancy=discrepancy)
+        objective = _learnt(objective, confirmed)
         if number + 1 == budget.confirmation_rounds:
             break
         with session.stopwatch.time(CORRECTED_SEARCH):
@@ -177,38 +168,39 @@ def confirm(
             polished, _ = polish_on(
                 run, best, found.half_width, num_polish, config, CONFIRMATION, judged, budget.most_polishes
             )
-            polishes.append(polished)
-        if np.abs(polishes[-1].best - unit).max() < SAME_POINT:
+        if np.abs(polished.best - unit).max() < SAME_POINT:
             break
-        unit, origin = polishes[-1].best, f"corrected search {number + 1}"
+        unit, origin = polished.best, f"corrected search {number + 1}"
     if not finalists:
         reasons = "; ".join(sorted({outcome.status.value for outcome in outcomes if not outcome.status.is_ok}))
         reasons = reasons or "the surrogate, which is to be compared with it, cannot drive there"
         tail = next((outcome.log_tail for outcome in outcomes if outcome.log_tail), "")
         raise AllRunsFailedError(f"the search's result failed in SUMO: {reasons}", tail)
-    return _judged(objective, finalists, confirmed, tuple(polishes), tuple(outcomes))
+    return _judged(objective, finalists, confirmed, tuple(outcomes))
+
+
+def _learnt(objective: Objective, confirmed: list[Confirmed]) -> Objective:
+    """Return the objective corrected by what candidates showed in both simulators."""
+    discrepancy = learn_discrepancy(objective.moments, objective.covariance, objective.num_drives, confirmed)
+    return replace(objective, discrepancy=discrepancy)
 
 
 def _judged(
     objective: Objective,
     finalists: list[Finalist],
     confirmed: list[Confirmed],
-    polishes: tuple[Optimisation, ...],
     outcomes: tuple[RunOutcome, ...],
 ) -> Confirmation:
-    """Return what finalists say together: the winner, and the discrepancy learnt from all of them."""
-    discrepancy = learn_discrepancy(objective.moments, objective.covariance, objective.num_drives, confirmed)
-    objective = replace(objective, discrepancy=discrepancy)
+    """Return what finalists say together, by an objective corrected by all of them."""
     winner = int(np.argmax([one.accuracy for one in finalists]))
     corrected = [_corrected_accuracy(objective, one) for one in confirmed]
     return Confirmation(
         finalists=tuple(finalists),
         winner=winner,
         agrees=int(np.argmax(corrected)) == winner,
-        discrepancy=discrepancy,
+        discrepancy=objective.discrepancy,  # pyright: ignore[reportArgumentType]
         objective=objective,
         confirmed=tuple(confirmed),
-        polishes=polishes,
         outcomes=outcomes,
     )
 

@@ -1,7 +1,6 @@
 """The search goes on in SUMO from what the surrogate found, where the two drive unlike each other there."""
 
-from dataclasses import replace
-
+import numpy as np
 from scipy.stats import chi2
 
 from jaxcalib.calibration.confirmation.confirmation import CONFIRMATION, RADIUS, SEARCHED_ON, Confirmation, Finals
@@ -17,13 +16,11 @@ def leaves_more_than_noise(confirmation: Confirmation) -> bool:
 
     Relative errors have no noise that could tell: there it always may be.
     """
-    objective = replace(confirmation.objective, discrepancy=None)
+    objective, seen = confirmation.objective.of_simulator(), confirmation.confirmed[confirmation.winner]
     if objective.is_relative:
         return True
-    num_residuals = len(objective.moments.names) + len(objective.evidence.whitener)
-    accuracy = confirmation.finalists[confirmation.winner].accuracy
-    misfit = num_residuals * ((1.0 - accuracy) / objective.relative_noise) ** 2
-    return bool(chi2.sf(misfit, num_residuals) < SIGNIFICANT)
+    residuals = objective.residuals(seen.unit[None], seen.sumo[None], seen.sumo_runs)[0]
+    return bool(chi2.sf(np.sum(residuals**2), len(residuals)) < SIGNIFICANT)
 
 
 def search_on_in_sumo(
@@ -41,12 +38,12 @@ def search_on_in_sumo(
     Returns:
         The confirmation with one finalist more; the same where that one fails.
     """
-    run = SearchRun(in_sumo, finals.space, replace(confirmation.objective, discrepancy=None), found.course)
+    run = SearchRun(in_sumo, finals.space, confirmation.objective.of_simulator(), found.course)
     num_runs, config = in_sumo.rounds_of(plan.polish_runs), polish_config(RADIUS)
     polished, _ = polish_on(
         run, confirmation.best, found.half_width, num_runs, config, CONFIRMATION, most=plan.most_polishes
     )
     tried = finals.run(polished.best, SEARCHED_ON, confirmation.objective)
-    confirmation = replace(confirmation.joined([tried]), polishes=(*confirmation.polishes, polished))
+    confirmation = confirmation.joined([tried])
     finals.session.progress.best(confirmation.finalists[confirmation.winner].accuracy)
     return confirmation

@@ -1,15 +1,15 @@
 """Space mapping: the surrogate drives as SUMO does at other values, and those say where SUMO drives as the field does.
 
 Near a jam the two differ by when it begins, more than by what it looks like: what one shows, the other shows at some
-hundred vehicles more or less. What the surrogate's moments lack at one point then says little of the next, but how far
-its values lie from SUMO's does.
+hundred vehicles per hour more or less. What the surrogate's moments lack at one point then says little of the next, but
+how far its values lie from SUMO's does.
 
 Source: Bandler, Biernacki, Chen, Grobelny & Hemmers (1994), Space mapping technique for electromagnetic optimization,
     IEEE Trans. Microwave Theory Tech. 42(12); the mapping is a shift, as at the beginning of Bandler, Biernacki, Chen,
     Hemmers & Madsen (1995), Electromagnetic optimization exploiting aggressive space mapping, IEEE Trans. Microwave
     Theory Tech. 43(12).
 Deviation: the shift is found anew around each of SUMO's best candidates, instead of a slope of it being updated, since
-    slopes of 16 parameters cannot be learnt from a few noisy runs; and half of each step is tried as well.
+    slopes of many parameters cannot be learnt from a few noisy runs; and half of each step is tried as well.
 """
 
 from dataclasses import replace
@@ -47,7 +47,7 @@ def search_mapped(confirmation: Confirmation, found: TwoStageResult, finals: Fin
     Returns:
         The confirmation with the points tried as further finalists; they count equally often in SUMO as all others.
     """
-    objective = replace(confirmation.objective, discrepancy=None)
+    objective = confirmation.objective.of_simulator()
     if objective.is_relative:  # without noise, what one simulator shows cannot take the place of the field
         return confirmation
     search = _SurrogateSearch(finals, found)

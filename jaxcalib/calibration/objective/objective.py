@@ -106,6 +106,10 @@ class Objective:
         """Accuracy that the true parameters show on average."""
         return 1.0 - self.relative_noise
 
+    def of_simulator(self) -> "Objective":
+        """Return the objective of a simulator as it is, without a correction by another one."""
+        return replace(self, discrepancy=None)
+
     def take(self, chosen: np.ndarray) -> "Objective":
         """Return the objective on some of its moments."""
         if self.discrepancy is not None:
