@@ -121,7 +121,8 @@ def _simulators(section: Section, confirmation: Mapping[str, Any]) -> None:
         "result.json: confirmation",
     )
     for one in confirmation.get("agreement") or ():
+        where = one["where"][:1].upper() + one["where"][1:]
         alike = f"in {one['share_alike']:.0%} of the sections surrogate and SUMO drive alike"
-        section.say(f"{one['where'].capitalize()}: {alike}.", "result.json: confirmation.agreement")
+        section.say(f"{where}: {alike}.", "result.json: confirmation.agreement")
         if not one["holds"] and not confirmation.get("searched_in_sumo"):
-            section.lack(f"{one['where'].capitalize()}, sensitivities and intervals in SUMO: only {alike}.")
+            section.lack(f"{where}, sensitivities and intervals in SUMO: only {alike}.")

@@ -60,8 +60,11 @@ def search_mapped(confirmation: Confirmation, found: TwoStageResult, finals: Fin
         step = np.clip(optimum - shift, 0.0, 1.0) - best
         if np.abs(step).max() < SAME_POINT:
             break
-        new = [one for share in SHARES if not is_among(one := best + share * step, confirmation)]
-        tried = [finals.run(one, f"{MAPPED} {number + 1}", objective) for one in new]
+        tried = [
+            finals.run(one, f"{MAPPED} {number + 1}, {share:.0%} of the step", objective)
+            for share in SHARES
+            if not is_among(one := best + share * step, confirmation)
+        ]
         before = confirmation.winner
         confirmation = replace(confirmation.joined(tried), shift=shift, judged=search.judged)
         finals.session.progress.best(confirmation.finalists[confirmation.winner].accuracy)

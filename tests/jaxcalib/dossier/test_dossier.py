@@ -353,5 +353,7 @@ def test_a_search_that_sumo_made_is_told_as_one(problem: CalibrationProblem, tmp
 def test_a_search_that_went_on_with_sumo_is_told_as_one(problem: CalibrationProblem, tmp_path: Path):
     result = result_of(problem)
     result["confirmation"]["went_on_by"] = ["space mapping", "search in SUMO"]
+    result["confirmation"]["agreement"][0]["where"] = "at the values found with SUMO"
     said = write_dossier(CORRIDOR, run_with(tmp_path, result=result)).to_json()
     assert "Values were searched in the surrogate, then by space mapping, then by search in SUMO; errors" in said
+    assert "At the values found with SUMO: in 40% of the sections" in said
