@@ -8,8 +8,9 @@ import numpy as np
 
 from jaxcalib.case.case import Case, ScenarioParts, read_case, require_scenario
 from jaxcalib.errors import CaseError
+from jaxcalib.field.covered_parts import coverage_warnings, recorded_parts
 from jaxcalib.field.drive_logs import DriveLogs, judge_without_road, read_drives, table_faults
-from jaxcalib.problem.drive_warnings import coverage_warnings, departure_warnings, one_sided_warnings
+from jaxcalib.problem.drive_warnings import departure_warnings, one_sided_warnings
 from jaxcalib.problem.inputs import read_scenario_of
 from jaxcalib.problem.parameter_layout import layout_of
 from jaxcalib.problem.problem import frame_interval_s
@@ -120,6 +121,7 @@ def check_case(folder: Path | str, *, first_run_s: float = FIRST_RUN_S) -> CaseC
         vehicle, end_s = parts.subject.vehicle, parts.scenario.duration_s
         wait = start_first_run(scenario, vehicle, first_depart_s, end_s, first_run_s)
     logs = read_drives(case, scenario.row_map)
+    recorded = recorded_parts(logs.case.drives, logs.drives, scenario)
     interval_s = frame_interval_s(scenario.configuration.step_s)
     is_seen = [bool(np.any(drive.on_clock(interval_s).valid)) for drive in logs.drives]
     faults += [*of_clock, *logs.refusals, *drive_faults(logs.case, logs.drives, is_seen, interval_s)]
@@ -141,7 +143,7 @@ def check_case(folder: Path | str, *, first_run_s: float = FIRST_RUN_S) -> CaseC
             *logs.contradictions,
             *departure_warnings(case, logs.drives),
             *one_sided_warnings(case, logs.drives),
-            *coverage_warnings(logs.drives, scenario.network.length_m),
+            *coverage_warnings(recorded, logs.drives, scenario.network.length_m),
             *(line for drive in logs.drives for line in drive.warnings),
             *(_run_warnings(scenario, parts, first_run) if first_run else ()),
         ),

@@ -104,8 +104,8 @@ class Measure:
 
     @property
     def is_per_drive(self) -> bool:
-        """Whether its observations are whole drives, or parts of them."""
-        return (self.observations or self.denominator) in ("drives", "trips")
+        """Whether its observations are drives."""
+        return (self.observations or self.denominator) == "drives"
 
     def num_telling(self, tally: Mapping[str, float]) -> float:
         """How much its value rests on: of what is counted per drive what is counted, else the observations."""

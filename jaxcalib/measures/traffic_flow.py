@@ -106,7 +106,6 @@ class SubjectTravel(Fold):
         """Names of the tallies."""
         return (
             "drives",
-            "trips",
             "subject_frames",
             "subject_time_s",
             "subject_distance_m",
@@ -121,9 +120,7 @@ class SubjectTravel(Fold):
         in_section = within(frame.subject_position_m[None], scene.settings.road.section_border_m)[:, 0]
         section = in_section.astype(jnp.float32)
         return {
-            # a drive counts events over what was seen of it, a trip takes time whether it was seen or not
             "drives": jnp.where(scene.interval_s == 0, 1.0, 0.0),
-            "trips": jnp.where(scene.interval_s == 0, 1.0, 0.0),
             "subject_frames": jnp.asarray(1.0),
             "subject_time_s": scene.interval_s,
             "subject_distance_m": scene.interval_s * frame.subject_speed_mps,
@@ -166,7 +163,7 @@ _FLOW = (
         "subject_distance_m", "subject_time_s", observations="drives", moe=Moe.TRAFFIC_DYNAMICS,
     ),
     Measure(
-        "subject_travel_time_s", "travel time of a drive", TRAFFIC, "subject_time_s", "trips",
+        "subject_travel_time_s", "travel time of a drive", TRAFFIC, "subject_time_s", "drives",
         left_out=LeftOut.FOLLOWS,
     ),
 )  # fmt: skip

@@ -1,86 +1,19 @@
-"""How much of the road drives cover, what that makes of counts per drive, and whether clock and places agree."""
+"""What a user should know of drives: whether clock and places agree, and what sensors did not tell."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Float
 
 from jaxcalib.case.case import Case
 from jaxcalib.errors import shorten
 from jaxcalib.field.field_log import DriveLog
-from jaxcalib.field.log_cleaning import GAP_TOLERANCE
 from sim_adapters.scenario.scenario import Scenario
 
-LEAST_COVERED = 0.8  # of the route, by a drive that counts as a whole one without a warning
 # Between clock and way, in seconds and of the time that the way takes: who departs may wait before a full entrance.
 LEAST_OFF_S, LEAST_OFF = 120.0, 0.5
 FEWEST_ROWS, LEAST_SIDE = 500, 0.01  # of objects, and share of them on either side, where both can be seen
 LENGTH_TOLERANCE_M = 2.0
 SLOWEST_MPS = 3.0  # a log that begins in a jam says little of how long the way to there took
-
-
-def covered_share(drive: DriveLog, length_m: float) -> float:
-    """Share of the route that a log covers; 1 where that is nearly all of it.
-
-    Args:
-        drive: the log.
-        length_m: length of the route.
-    """
-    return _share(float(np.ptp(drive.subject.position_m)), length_m)
-
-
-def seen_share(drive: DriveLog, length_m: float) -> float:
-    """The same, less what lies in gaps of the log."""
-    return _share(float(np.ptp(drive.subject.position_m)) - _gaps_m(drive), length_m)
-
-
-def counted_in_parts(
-    field_tally: Float[np.ndarray, "drive tally"],
-    drives: Sequence[DriveLog],
-    length_m: float,
-    tally_index: Mapping[str, int],
-) -> Float[np.ndarray, "drive tally"]:
-    """Tallies in which a drive along a part of the route counts as that part of a drive, and of a trip.
-
-    Simulated drives are whole ones: what is counted per drive would else be compared with ten times the way. In a gap
-    of a log nothing is counted, though the trip goes on.
-
-    Args:
-        field_tally: tallies of each drive.
-        drives: the drives.
-        length_m: length of the route.
-        tally_index: place of each tally.
-    """
-    tally = field_tally.copy()
-    tally[:, tally_index["drives"]] *= [seen_share(drive, length_m) for drive in drives]
-    tally[:, tally_index["trips"]] *= [covered_share(drive, length_m) for drive in drives]
-    return tally
-
-
-def coverage_warnings(drives: Sequence[DriveLog], length_m: float) -> list[str]:
-    """Return one line for each log that covers only a part of the route."""
-    lines = []
-    for drive in drives:
-        if seen_share(drive, length_m) < 1.0:
-            gaps_m = _gaps_m(drive)
-            covered_m = float(np.ptp(drive.subject.position_m)) - gaps_m
-            gaps = f", and {gaps_m:.0f} m lie in its gaps" if gaps_m > 0.0 else ""
-            lines.append(
-                f"drive {drive.id}: the log covers {covered_m:.0f} of {length_m:.0f} m of the route{gaps}; it counts "
-                "as that part of a drive."
-            )
-    return lines
-
-
-def _gaps_m(drive: DriveLog) -> float:
-    """How far the subject vehicle drove in gaps of the log that are too long to bridge."""
-    is_gap = np.diff(drive.subject.time_s) > drive.rules.longest_gap_s * (1.0 + GAP_TOLERANCE)
-    return float(np.diff(drive.subject.position_m)[is_gap].sum())
-
-
-def _share(covered_m: float, length_m: float) -> float:
-    share = covered_m / length_m
-    return share if share < LEAST_COVERED else 1.0
 
 
 def departure_warnings(case: Case, drives: Sequence[DriveLog]) -> list[str]:

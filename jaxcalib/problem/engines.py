@@ -119,6 +119,7 @@ def sumo_engine(
             control=lambda request: subject_control(problem.template, request, clock, plan.steps_before_decision),
             distant=_distant_types(problem, clock, plan.steps_before_decision),
             workers=workers,
+            recorded=problem.template.recorded,
         )
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from jaxcalib.case.case import Case, Role, ScenarioParts, read_case, require_scenario
 from jaxcalib.case.safety_limits import SafetyLimits
 from jaxcalib.errors import CaseError
+from jaxcalib.field.covered_parts import coverage_warnings, covered_m, recorded_parts
 from jaxcalib.field.drive_logs import read_drives
 from jaxcalib.field.field_log import DriveLog
 from jaxcalib.field.seen_range import range_warnings, seen_perception
@@ -23,13 +24,7 @@ from jaxcalib.measures.observed_road import ObservedRoad, observe_road
 from jaxcalib.measures.registry import all_folds, all_measures
 from jaxcalib.measures.scene import MeasureSettings
 from jaxcalib.measures.whole_drive import WholeDriveFold
-from jaxcalib.problem.drive_warnings import (
-    counted_in_parts,
-    coverage_warnings,
-    departure_warnings,
-    length_warnings,
-    one_sided_warnings,
-)
+from jaxcalib.problem.drive_warnings import departure_warnings, length_warnings, one_sided_warnings
 from jaxcalib.problem.inputs import read_scenario_of
 from jaxcalib.problem.parameter_layout import layout_of
 from jaxcalib.problem.problem_checks import (
@@ -47,6 +42,7 @@ from sim_adapters.interface import ParameterLayout
 from sim_adapters.scenario.scenario import Scenario
 from sim_adapters.scenario.sumo_names import nearest_model
 from sim_adapters.world.logged_drive import LoggedDrive, resample
+from sim_adapters.world.recorded_parts import RecordedParts
 from sim_adapters.world.world_builder import WorldTemplate, build_template
 from surrogate.subject.registry import REPLAY
 
@@ -55,6 +51,7 @@ FRAMES_STEP = 128
 LEAST_SPEED_MPS = 2.0  # below it a time headway means nothing
 LONGEST_HEADWAY_S = 6.0  # behind it a vehicle does not follow its leader
 SPARE_TRACKS = 2.5  # simulated drives may meet more vehicles than the field's
+LEAST_SHARE = 0.1  # of the route, for which room for vehicles is made as if it were all of it
 
 
 @dataclass(frozen=True)
@@ -125,7 +122,7 @@ class CalibrationProblem:
         own += replay_warnings(self.case) if self.parts.subject.model.name == REPLAY else []
         own += departure_warnings(self.case, self.drives)
         own += one_sided_warnings(self.case, self.drives)
-        own += coverage_warnings(self.drives, self.scenario.network.length_m)
+        own += coverage_warnings(self.template.recorded, self.drives, self.scenario.network.length_m)
         own += length_warnings(self.case, self.scenario, self.drives)
         return (
             *own,
@@ -171,7 +168,8 @@ def read_problem(folder: Path | str, *, as_stated: bool = False) -> CalibrationP
         raise CaseError(error.file, "", error.message) from None
     if parts.subject.model.name == REPLAY:
         template = dataclasses.replace(template, logged_drives=_logged_drives(case, drives, parts, interval_s))
-    settings = _measure_settings(case, observe_road(scenario), drives)
+    template = dataclasses.replace(template, recorded=recorded_parts(case.drives, drives, scenario))
+    settings = _measure_settings(case, scenario, drives, template.recorded)
     tally = DriveTally(settings, all_folds(settings))
     longest_s = max(parts.scenario.duration_s - drive.depart_s for drive in case.drives)
     num_frames = FRAMES_STEP * int(np.ceil((longest_s / interval_s + 2) / FRAMES_STEP))
@@ -191,12 +189,7 @@ def read_problem(folder: Path | str, *, as_stated: bool = False) -> CalibrationP
         fold=fold,
         measures=all_measures(settings),
         drives=drives,
-        field_tally=counted_in_parts(
-            np.stack(field_tally),
-            drives,
-            scenario.network.length_m,
-            {name: index for index, name in enumerate(tally.names)},
-        ),
+        field_tally=np.stack(field_tally),
         sensor_errors=logs.sensor_errors,
         log_warnings=(*logs.left_out, *logs.contradictions, *range_warnings(stated, seen), *corrections),
     )
@@ -229,11 +222,16 @@ def frame_interval_s(step_s: float) -> float:
     return max(1, round(FRAME_INTERVAL_S / step_s)) * step_s
 
 
-def _measure_settings(case: Case, road: ObservedRoad, drives: tuple[DriveLog, ...]) -> MeasureSettings:
-    most_tracks = max([len(np.unique(drive.objects.track)) for drive in drives] or [0])
-    sensor = case.perception
+def _measure_settings(
+    case: Case, scenario: Scenario, drives: tuple[DriveLog, ...], recorded: tuple[RecordedParts, ...]
+) -> MeasureSettings:
+    length_m, sensor = scenario.network.length_m, case.perception
+    shares = [max(covered_m(one.parts_m, length_m) / length_m, LEAST_SHARE) for one in recorded] or [1.0] * len(drives)
+    # simulated drives number whom they see all along the route
+    seen = [len(np.unique(drive.objects.track)) / share for drive, share in zip(drives, shares, strict=True)]
+    most_tracks = max(seen or [0])
     return MeasureSettings(
-        road=road,
+        road=observe_road(scenario),
         nominal_length_m=jnp.asarray(sensor.nominal_length_m, jnp.float32),
         least_speed_mps=jnp.asarray(LEAST_SPEED_MPS, jnp.float32),
         longest_headway_s=jnp.asarray(LONGEST_HEADWAY_S, jnp.float32),

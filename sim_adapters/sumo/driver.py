@@ -18,7 +18,7 @@ from sim_adapters.interface import RunRequest
 from sim_adapters.sumo.job import SumoJob
 from sim_adapters.sumo.logged_drive import NO_SPEED_CHECKS, SumoReplay
 from sim_adapters.sumo.surroundings import Surroundings, vehicle_arrays
-from sim_adapters.world.logged_drive import LoggedDrive, choose
+from sim_adapters.world.logged_drive import LoggedDrive, log_of
 from sim_adapters.world.world_builder import WorldTemplate
 from surrogate.inflow.inflow import subject_identity
 from surrogate.lane_change.vehicles_on_road import VehiclesOnRoad
@@ -101,7 +101,7 @@ def subject_control(
         step_s=clock.step_s,
         seed=request.seed,
         identity=subject_identity(world.inflow.num_entrances),
-        log=drives[choose(drives, request.depart_s, request.seed)] if drives else None,
+        log=log_of(drives, request.depart_s, request.seed) if drives else None,
     )
 
 

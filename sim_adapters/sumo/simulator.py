@@ -18,6 +18,7 @@ from sim_adapters.sumo.driver import SubjectControl
 from sim_adapters.sumo.job import SumoJob, SumoRun
 from sim_adapters.sumo.shared_result import SharedResult
 from sim_adapters.sumo.workers import LONGEST_RUN_S, BegunRun, LocalWorkers, SumoWorkers
+from sim_adapters.world.recorded_parts import RecordedParts, parts_of, within_parts
 from surrogate.road.perception import PerceptionFrame
 
 WHOLE = 1e-6  # of a step: numbers in files are rounded
@@ -73,6 +74,7 @@ class SumoSimulator:
         distant: DistantTypes | None = None,
         workers: SumoWorkers | None = None,
         draws_phases: bool = False,
+        recorded: Sequence[RecordedParts] = (),
     ) -> None:
         """Prepare runs; processes start with the first.
 
@@ -92,6 +94,7 @@ class SumoSimulator:
             distant: which vehicles follow by another vType beyond the sensors' range.
             workers: who makes the runs, and outlives this; processes of its own unless given.
             draws_phases: whether flows at equal intervals have another phase in each run (`draw_phase`).
+            recorded: which parts of the route are observed, by departure; all of it unless given.
 
         Raises:
             ValueError: frames are no whole number of steps apart.
@@ -111,6 +114,7 @@ class SumoSimulator:
         self._control = control
         self._distant = distant
         self._draws_phases = draws_phases
+        self._recorded = recorded
         self._own_workers = None
         if workers is None:
             workers = self._own_workers = LocalWorkers(num_processes, longest_run_s, scratch)
@@ -215,7 +219,8 @@ class SumoSimulator:
         elif not np.any(run.vehicle == -1 - subject):
             status = Status.SUBJECT_MISSING
         else:
-            observed = np.asarray(self._fold(self.frames_of(run, subject)))
+            parts_m = parts_of(self._recorded, request.depart_s, request.seed)
+            observed = np.asarray(self._fold(within_parts(self.frames_of(run, subject), parts_m)))
             status = Status.OK if np.isfinite(observed).all() else Status.NONFINITE
         return RunOutcome(
             request=request,

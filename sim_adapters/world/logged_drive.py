@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 from scipy.interpolate import CubicHermiteSpline
 
+from sim_adapters.world.drive_choice import choose, chosen
 from surrogate.subject.logged_drive import LoggedMotion
 
 
@@ -63,14 +64,13 @@ def resample(
     )
 
 
-def choose(drives: Sequence[LoggedDrive], depart_s: float, seed: int) -> int:
-    """Return which drive a run repeats: of those that depart when it does, one by its seed in turn; 0 if none does."""
-    same = [index for index, drive in enumerate(drives) if abs(drive.depart_s - depart_s) < 1e-3]
-    return same[seed % len(same)] if same else 0
+def log_of(drives: Sequence[LoggedDrive], depart_s: float, seed: int) -> LoggedDrive:
+    """Return which drive a run repeats, see `choose`; the first if none departs when it does."""
+    return drives[choose([drive.depart_s for drive in drives], depart_s, seed) or 0]
 
 
 def logged_motion_of(drives: Sequence[LoggedDrive], depart_s: Float[Array, ""], seed: Int[Array, ""]) -> LoggedMotion:
-    """Return the drives for the surrogate, with the one that this run repeats; as `choose`, on traced values.
+    """Return the drives for the surrogate, with the one that this run repeats; as `log_of`, on traced values.
 
     Raises:
         ValueError: there are no drives.
@@ -83,14 +83,11 @@ def logged_motion_of(drives: Sequence[LoggedDrive], depart_s: Float[Array, ""], 
         return np.stack([np.pad(one, (0, longest - len(one)), mode="edge") for one in values])
 
     departs = jnp.asarray([drive.depart_s for drive in drives], jnp.float32)
-    same = jnp.abs(departs - depart_s) < 1e-3
-    number = jnp.cumsum(same) - 1
-    wanted = seed % jnp.maximum(jnp.sum(same), 1)
     return LoggedMotion(
         position_m=jnp.asarray(table([drive.position_m for drive in drives]), jnp.float32),
         speed_mps=jnp.asarray(table([drive.speed_mps for drive in drives]), jnp.float32),
         row=jnp.asarray(table([drive.row for drive in drives]), jnp.int32),
         first_step=jnp.asarray([drive.first_step for drive in drives], jnp.int32),
         num_steps=jnp.asarray([len(drive.position_m) for drive in drives], jnp.int32),
-        log=jnp.argmax(same & (number == wanted)).astype(jnp.int32),
+        log=chosen(departs, depart_s, seed)[0],
     )

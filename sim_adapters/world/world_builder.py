@@ -18,6 +18,7 @@ from sim_adapters.units import SECONDS_PER_HOUR
 from sim_adapters.world.distant_vtypes import check_distant_vtypes
 from sim_adapters.world.logged_drive import LoggedDrive, logged_motion_of
 from sim_adapters.world.queues import MOST_DEMAND, entrance_tables, is_plain, queues_of, rules_of, schedule_of
+from sim_adapters.world.recorded_parts import RecordedParts, parts_table
 from surrogate.effects.apply import NUM_CLASSES_OF_EFFECTS, classes_with_effects, true_inputs
 from surrogate.effects.settings import Effects
 from surrogate.inflow.departure import DepartureRules
@@ -63,6 +64,8 @@ class WorldTemplate:
     sensor_range_m: tuple[float, float] = (150.0, 150.0)  # how far it sees ahead and behind; its planner knows no more
     # the drives that it repeats, if it does; put in with `dataclasses.replace`
     logged_drives: tuple[LoggedDrive, ...] = ()
+    # what each drive's log covers, where one covers less than the route: there alone runs are observed
+    recorded: tuple[RecordedParts, ...] = ()
     # vType as which each of these vTypes follows beyond the sensors' range
     distant_vtypes: Mapping[str, str] = field(default_factory=dict)
     # what may arrive, where entrances know more than one window of time or ways to depart; else None
@@ -153,6 +156,7 @@ class WorldTemplate:
             effects=effects,
             driver=self._driver(depart_s, seed),
             distant=self._distant(),
+            recorded_m=parts_table(self.recorded, depart_s, seed),
         )
 
     def _timetable(
@@ -189,7 +193,8 @@ class WorldTemplate:
         inflow = Inflow(**(shared | {"flow_share": 0, "timetable": table}))  # pyright: ignore[reportArgumentType]
         effects = 0 if has_effects else None
         driver = LoggedMotion(None, None, None, None, None, log=0) if self.subject_model.name == REPLAY else None  # pyright: ignore
-        return World(None, inflow, 0, 0, subject, 0, effects, driver, self._distant())  # pyright: ignore[reportArgumentType]
+        recorded = None if all(one.is_whole for one in self.recorded) else 0
+        return World(None, inflow, 0, 0, subject, 0, effects, driver, self._distant(), recorded)  # pyright: ignore[reportArgumentType]
 
     def _classes(self, behaviour: Float[Array, " parameter"]) -> tuple[VehicleClass, ...]:
         classes = []

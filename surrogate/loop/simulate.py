@@ -14,6 +14,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from surrogate.effects.apply import sense_frame, show_lane_changes, start_of_sensing
 from surrogate.loop.moving import move_on
+from surrogate.loop.recorded_parts import is_recorded
 from surrogate.loop.run_state import Observer, ObserverState, RunPlan, RunRecord, RunState, record_of, vehicles_on_road
 from surrogate.loop.several_subjects import all_have_left, perceive_all
 from surrogate.loop.step import initial_state, settle_lanes
@@ -199,18 +200,25 @@ class _Loop(NamedTuple):
         in_time = time_s <= self.end_s + 0.5 * step_s
         frame = eqx.tree_at(lambda f: f.valid, frame, frame.valid & in_time)
 
-        def watch(frame: PerceptionFrame, entry: Array, observed: ObserverState, sensor_memory: Any) -> Any:
+        # sensors work all along, whatever is kept of what they tell
+        is_kept = None
+        if world.recorded_m is not None:
+            is_kept = is_recorded(world.recorded_m, frame.subject_position_m)
+
+        def watch(frame: PerceptionFrame, entry: Array, observed: ObserverState, memory: Any, is_kept: Any) -> Any:
             if world.effects is not None:
                 with jax.named_scope("sense"):
                     frame = show_lane_changes(world.effects, frame, state.vehicles, entry)
-                    frame, sensor_memory = sense_frame(world.effects, frame, sensor_memory, world.seed)
+                    frame, memory = sense_frame(world.effects, frame, memory, world.seed)
+            if is_kept is not None:
+                frame = eqx.tree_at(lambda f: f.valid, frame, frame.valid & is_kept)
             with jax.named_scope("observe"):
                 # a program of its own, which rounds alike whatever made the frame
-                return self.observer.update(observed, materialise(frame)), sensor_memory
+                return self.observer.update(observed, materialise(frame)), memory
 
         if world.subject.num_subjects:
             watch = jax.vmap(watch)
-        observed, sensor_memory = watch(frame, entry, observed, sensor_memory)
+        observed, sensor_memory = watch(frame, entry, observed, sensor_memory, is_kept)
         return state.vehicles.track, state.num_tracks, (observed, sensor_memory) if has_effects else observed
 
 

@@ -49,6 +49,8 @@ class World(eqx.Module):
     driver: Planner | LoggedMotion | None = None  # who drives the subject vehicle, if not the models of its class
     # which vehicles follow otherwise beyond the sensors' range; None where none does
     distant: DistantDrivers | None = None
+    # where along its way the subject vehicle, or each of several, is observed; None where it is all the way
+    recorded_m: Float[Array, "*subject part 2"] | None = None
 
     @property
     def subject_class(self) -> int:

@@ -15,7 +15,7 @@ from jaxcalib.problem.engines import sumo_engine
 from jaxcalib.problem.problem import CalibrationProblem, read_problem
 from sim_adapters.interface import RunRequest
 from sim_adapters.sumo.job import SumoRun
-from sim_adapters.world.logged_drive import LoggedDrive, choose, logged_motion_of, resample
+from sim_adapters.world.logged_drive import LoggedDrive, log_of, logged_motion_of, resample
 from surrogate.effects.base import EffectSetting
 from surrogate.effects.registry import EFFECTS
 from surrogate.effects.settings import Effects, settings_table
@@ -63,7 +63,7 @@ def test_both_simulators_choose_the_same_drive() -> None:
     for depart_s in (300.0, 320.0, 999.0):
         for seed in range(5):
             chosen = logged_motion_of(drives, jnp.asarray(depart_s), jnp.asarray(seed))
-            expected = choose(drives, depart_s, seed)
+            expected = drives.index(log_of(drives, depart_s, seed))
             assert int(chosen.log) == expected
             position, speed, row = chosen.at(jnp.asarray(drives[expected].first_step + 9))
             assert float(position) == pytest.approx(drives[expected].position_m[9])

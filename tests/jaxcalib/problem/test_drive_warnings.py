@@ -6,13 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from jaxcalib.problem.drive_warnings import (
-    counted_in_parts,
-    coverage_warnings,
-    departure_warnings,
-    length_warnings,
-    one_sided_warnings,
-)
+from jaxcalib.problem.drive_warnings import departure_warnings, length_warnings, one_sided_warnings
 
 
 def drive(begin_s: float, begin_m: float, speed_mps: float = 25.0) -> Any:
@@ -20,7 +14,7 @@ def drive(begin_s: float, begin_m: float, speed_mps: float = 25.0) -> Any:
     subject = SimpleNamespace(
         time_s=time_s, position_m=begin_m + speed_mps * (time_s - begin_s), speed_mps=np.full(len(time_s), speed_mps)
     )
-    return SimpleNamespace(id="d01", subject=subject, rules=SimpleNamespace(longest_gap_s=1.0))
+    return SimpleNamespace(id="d01", subject=subject)
 
 
 CASE: Any = SimpleNamespace(drives=(SimpleNamespace(id="d01", depart_s=600.0),))
@@ -40,35 +34,6 @@ def test_a_clock_that_is_another_shows(begin_s: float, begin_m: float):
 
 def test_who_crawls_says_nothing_of_the_way():
     assert departure_warnings(CASE, [drive(900.0, 100.0, 1.0)]) == []
-
-
-def test_a_part_of_the_route_is_told():
-    (line,) = coverage_warnings([drive(600.0, 0.0)], 3000.0)
-    assert "covers 1488 of 3000 m" in line
-    assert coverage_warnings([drive(600.0, 0.0)], 1600.0) == []
-
-
-def test_a_part_of_the_route_counts_as_a_part_of_a_drive():
-    """Twelve events in a third of the route are as many as 36 in all of it."""
-    tally = np.asarray([[12.0, 1.0, 1.0], [36.0, 1.0, 1.0]])
-    whole, third = drive(600.0, 0.0), drive(600.0, 800.0, 500.0 / 59.5)
-    counted = counted_in_parts(tally, [third, whole], 1500.0, {"drives": 1, "trips": 2})
-    assert counted[:, 0] / counted[:, 1] == pytest.approx([36.0, 36.0])
-    assert counted[:, 2] == pytest.approx(counted[:, 1])
-    assert tally[0, 1] == 1.0
-
-
-def test_nothing_is_counted_in_a_gap_though_the_trip_goes_on():
-    """Seen for 59.5 s less 24 s: 600 of 1488 m lie in the gap."""
-    log, tally = drive(600.0, 0.0), np.asarray([[22.0, 1.0, 1.0]])
-    kept = (log.subject.time_s <= 610.0) | (log.subject.time_s >= 634.0)
-    log.subject.time_s, log.subject.position_m = log.subject.time_s[kept], log.subject.position_m[kept]
-    (counted,) = counted_in_parts(tally, [log], 1500.0, {"drives": 1, "trips": 2})
-    assert counted[1:] == pytest.approx([(1487.5 - 600.0) / 1500.0, 1.0])
-    (line,) = coverage_warnings([log], 1500.0)
-    assert "covers 888 of 1500 m of the route, and 600 m lie in its gaps" in line
-    log.rules.longest_gap_s = 30.0
-    assert coverage_warnings([log], 1500.0) == []
 
 
 @pytest.mark.parametrize(
