@@ -1,6 +1,5 @@
 """One call validates a calibrated result against the field, in SUMO alone."""
 
-import dataclasses
 import os
 import time
 from collections.abc import Mapping, Sequence
@@ -161,7 +160,6 @@ def _validate(
     of_step = step_error(problem, observer, margins, simulated, half_step_requests, session) if half_step else None
     session.progress.stage("report")
     field = observer.parts(np.stack([observer(drive.frames(problem.frame_interval_s)) for drive in logs]))
-    field = dataclasses.replace(field, tally=problem.field_of(role))  # in which a part of a drive counts as a part
     measures = compare_measures(problem.measures, problem.tally_names, field, simulated)
     distributions = compare_distributions(field, simulated)
     trajectories = compare_trajectories(field, simulated)

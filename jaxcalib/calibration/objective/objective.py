@@ -40,7 +40,7 @@ class Objective:
     field: Float[np.ndarray, " moment"]  # their values in the field
     covariance: Float[np.ndarray, "moment moment"]  # of the moments of one run
     usual: Float[np.ndarray, " moment"]  # their values in the runs behind that
-    num_drives: float  # drives behind the field's values; one along a part of the route counts as that part
+    num_drives: float  # drives behind the field's values
     # what is known of the parameters themselves; a measurement like the moments, and weighed like them
     evidence: Evidence
     discrepancy: Discrepancy | None = None  # correction of the simulator; None before it is known

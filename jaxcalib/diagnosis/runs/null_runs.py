@@ -209,6 +209,7 @@ def _run(
         frame_interval_s=counter.interval_s,
         end_s=problem.parts.scenario.duration_s,
         workers=workers,
+        recorded=problem.template.recorded,
         draws_phases=True,  # the field's is not known, and what differs by it alone is no gap
     ) as simulator:
         with writing_to_scratch():
