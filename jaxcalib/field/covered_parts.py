@@ -12,7 +12,9 @@ from jaxcalib.case.case import Drive
 from jaxcalib.field.field_log import DriveLog
 from jaxcalib.field.log_cleaning import GAP_TOLERANCE
 from sim_adapters.scenario.scenario import Scenario
-from sim_adapters.world.recorded_parts import RecordedParts
+from sim_adapters.world.departures import departure_of
+from sim_adapters.world.recorded_parts import RecordedParts, are_whole
+from surrogate.inflow.departure import Position
 
 # Vehicles enter and leave between two samples: a log that begins or ends as near as this to the route's ends is whole.
 NEAR_END_M, NEAR_END = 50.0, 0.02  # the greater one counts; the second is a share of the route
@@ -28,13 +30,13 @@ def recorded_parts(drives: Sequence[Drive], logs: Sequence[DriveLog], scenario: 
         logs: their logs.
         scenario: says how long the route is, and whether its subject vehicle enters at a fixed place.
     """
-    length_m, position = scenario.network.length_m, scenario.demand.subject_departure.position
-    enters_anywhere = position != "base" and not _is_number(position)
+    length_m, entry = scenario.network.length_m, departure_of(scenario.demand.subject_departure).position
+    enters_anywhere = entry not in (Position.BASE, Position.GIVEN)
     recorded = tuple(
         RecordedParts(drive.depart_s, covered_parts_m(log, length_m, drive.depart_s if enters_anywhere else None))
         for drive, log in zip(drives, logs, strict=True)
     )
-    return () if all(one.is_whole for one in recorded) else recorded
+    return () if are_whole(recorded) else recorded
 
 
 def covered_parts_m(log: DriveLog, length_m: float, depart_s: float | None = None) -> tuple[tuple[float, float], ...]:
@@ -88,11 +90,3 @@ def _before_gaps(log: DriveLog) -> np.ndarray:
     """Return the numbers of the samples before gaps that are too long to bridge and in which the vehicle moves on."""
     is_gap = np.diff(log.subject.time_s) > log.rules.longest_gap_s * (1.0 + GAP_TOLERANCE)
     return np.flatnonzero(is_gap & (np.diff(log.subject.position_m) >= LEAST_GAP_M))
-
-
-def _is_number(word: str) -> bool:
-    try:
-        float(word)
-    except ValueError:
-        return False
-    return True

@@ -29,6 +29,11 @@ class RecordedParts:
         return self.parts_m == WHOLE_M
 
 
+def are_whole(recorded: Sequence[RecordedParts]) -> bool:
+    """Whether every log covers all of the route, so that simulators need not know of parts."""
+    return all(one.is_whole for one in recorded)
+
+
 def parts_of(recorded: Sequence[RecordedParts], depart_s: float, seed: int) -> tuple[tuple[float, float], ...]:
     """Return the parts in which a run's subject vehicle is observed; all of the route if no drive departs then.
 
@@ -43,6 +48,8 @@ def parts_of(recorded: Sequence[RecordedParts], depart_s: float, seed: int) -> t
 
 def within_parts(frames: PerceptionFrame, parts_m: Sequence[tuple[float, float]]) -> PerceptionFrame:
     """Return stacked frames of which those within the parts alone are valid."""
+    if tuple(parts_m) == WHOLE_M:
+        return frames
     is_kept = is_recorded(jnp.asarray(parts_m), jnp.asarray(frames.subject_position_m))
     return dataclasses.replace(frames, valid=np.asarray(frames.valid & is_kept))
 
@@ -57,7 +64,7 @@ def parts_table(
         depart_s: when the run's subject vehicle departs, or each of several.
         seed: seed of the run.
     """
-    if all(one.is_whole for one in recorded):
+    if are_whole(recorded):
         return None
     most = max(len(one.parts_m) for one in recorded)
     rows = [

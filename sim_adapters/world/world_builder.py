@@ -18,7 +18,7 @@ from sim_adapters.units import SECONDS_PER_HOUR
 from sim_adapters.world.distant_vtypes import check_distant_vtypes
 from sim_adapters.world.logged_drive import LoggedDrive, logged_motion_of
 from sim_adapters.world.queues import MOST_DEMAND, entrance_tables, is_plain, queues_of, rules_of, schedule_of
-from sim_adapters.world.recorded_parts import RecordedParts, parts_table
+from sim_adapters.world.recorded_parts import RecordedParts, are_whole, parts_table
 from surrogate.effects.apply import NUM_CLASSES_OF_EFFECTS, classes_with_effects, true_inputs
 from surrogate.effects.settings import Effects
 from surrogate.inflow.departure import DepartureRules
@@ -193,7 +193,7 @@ class WorldTemplate:
         inflow = Inflow(**(shared | {"flow_share": 0, "timetable": table}))  # pyright: ignore[reportArgumentType]
         effects = 0 if has_effects else None
         driver = LoggedMotion(None, None, None, None, None, log=0) if self.subject_model.name == REPLAY else None  # pyright: ignore
-        recorded = None if all(one.is_whole for one in self.recorded) else 0
+        recorded = None if are_whole(self.recorded) else 0
         return World(None, inflow, 0, 0, subject, 0, effects, driver, self._distant(), recorded)  # pyright: ignore[reportArgumentType]
 
     def _classes(self, behaviour: Float[Array, " parameter"]) -> tuple[VehicleClass, ...]:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from jaxcalib.field.covered_parts import coverage_warnings, covered_m, covered_parts_m, recorded_parts
+from sim_adapters.scenario.demand_elements import Departure
 from sim_adapters.world.recorded_parts import WHOLE_M
 
 LENGTH_M = 3000.0
@@ -25,7 +26,7 @@ def without(one: Any, from_s: float, to_s: float) -> Any:
 
 
 def scenario(position: str) -> Any:
-    demand = SimpleNamespace(subject_departure=SimpleNamespace(position=position))
+    demand = SimpleNamespace(subject_departure=Departure(position=position))
     return SimpleNamespace(network=SimpleNamespace(length_m=LENGTH_M), demand=demand)
 
 
