@@ -19,6 +19,7 @@ class Status(enum.Enum):
     NONFINITE = "speeds or positions became infinite or not a number"
     OVERFULL = "more vehicles than the surrogate's arrays hold; raise the capacity"
     SUBJECT_MISSING = "the subject vehicle never entered; the entrance was full"
+    UNSEEN = "the subject vehicle never drove where it is observed"
     FAILED = "the simulator failed"
 
     @property

@@ -19,6 +19,7 @@ from surrogate.inflow.departure import Position
 # Vehicles enter and leave between two samples: a log that begins or ends as near as this to the route's ends is whole.
 NEAR_END_M, NEAR_END = 50.0, 0.02  # the greater one counts; the second is a share of the route
 FASTEST_MPS = 60.0  # who is farther from the route's begin than this allows has entered there
+WORTH_TELLING = 0.95  # of the route: what covers less is told, what lacks some samples is not
 LEAST_GAP_M = 1.0  # a place can stand for the time that goes by only where the vehicle moves
 
 
@@ -30,16 +31,24 @@ def recorded_parts(drives: Sequence[Drive], logs: Sequence[DriveLog], scenario: 
         logs: their logs.
         scenario: says how long the route is, and whether its subject vehicle enters at a fixed place.
     """
-    length_m, entry = scenario.network.length_m, departure_of(scenario.demand.subject_departure).position
-    enters_anywhere = entry not in (Position.BASE, Position.GIVEN)
+    length_m, entry = scenario.network.length_m, departure_of(scenario.demand.subject_departure)
+    is_given = entry.position is Position.GIVEN and entry.position_m >= 0.0
+    enters_anywhere, entry_m = (
+        not is_given and entry.position is not Position.BASE,
+        entry.position_m if is_given else 0.0,
+    )
     recorded = tuple(
-        RecordedParts(drive.depart_s, covered_parts_m(log, length_m, drive.depart_s if enters_anywhere else None))
+        RecordedParts(
+            drive.depart_s, covered_parts_m(log, length_m, entry_m, drive.depart_s if enters_anywhere else None)
+        )
         for drive, log in zip(drives, logs, strict=True)
     )
     return () if are_whole(recorded) else recorded
 
 
-def covered_parts_m(log: DriveLog, length_m: float, depart_s: float | None = None) -> tuple[tuple[float, float], ...]:
+def covered_parts_m(
+    log: DriveLog, length_m: float, entry_m: float = 0.0, depart_s: float | None = None
+) -> tuple[tuple[float, float], ...]:
     """Return begin and end of each part of the route that a log covers, in order; infinite where it has no end.
 
     A gap that is too long to bridge ends a part, as far as the vehicle moves in it.
@@ -47,11 +56,12 @@ def covered_parts_m(log: DriveLog, length_m: float, depart_s: float | None = Non
     Args:
         log: the log.
         length_m: length of the route.
+        entry_m: where the vehicle enters.
         depart_s: when the vehicle departs, where it may enter at any place, not at the route's begin alone.
     """
     time_s, position_m = log.subject.time_s, log.subject.position_m
     near_m = max(NEAR_END_M, NEAR_END * length_m)
-    from_m = near_m
+    from_m = entry_m + near_m
     if depart_s is not None and position_m[0] > FASTEST_MPS * (time_s[0] - depart_s):
         from_m = np.inf
     before_gap = _before_gaps(log)
@@ -66,7 +76,7 @@ def covered_m(parts_m: Sequence[tuple[float, float]], length_m: float) -> float:
 
 
 def coverage_warnings(recorded: Sequence[RecordedParts], logs: Sequence[DriveLog], length_m: float) -> list[str]:
-    """Return one line for each log that covers only a part of the route.
+    """Return one line for each log that covers much less than the route.
 
     Args:
         recorded: what the logs cover, from `recorded_parts`.
@@ -75,7 +85,7 @@ def coverage_warnings(recorded: Sequence[RecordedParts], logs: Sequence[DriveLog
     """
     lines = []
     for one, log in zip(recorded, logs, strict=True) if recorded else ():
-        if one.is_whole:
+        if covered_m(one.parts_m, length_m) >= WORTH_TELLING * length_m:
             continue
         gaps_m = float(np.diff(log.subject.position_m)[_before_gaps(log)].sum())
         gaps = f", and {gaps_m:.0f} m lie in its gaps" if gaps_m > 0.0 else ""

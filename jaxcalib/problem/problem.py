@@ -32,6 +32,7 @@ from jaxcalib.problem.problem_checks import (
     drive_faults,
     input_faults,
     model_faults,
+    parts_warnings,
     raise_first,
     replay_warnings,
     vtype_warnings,
@@ -120,6 +121,7 @@ class CalibrationProblem:
             )
         own += self.log_warnings
         own += replay_warnings(self.case) if self.parts.subject.model.name == REPLAY else []
+        own += parts_warnings(self.case, self.template.recorded)
         own += departure_warnings(self.case, self.drives)
         own += one_sided_warnings(self.case, self.drives)
         own += coverage_warnings(self.template.recorded, self.drives, self.scenario.network.length_m)

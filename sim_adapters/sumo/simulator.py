@@ -221,7 +221,8 @@ class SumoSimulator:
         else:
             parts_m = parts_of(self._recorded, request.depart_s, request.seed)
             observed = np.asarray(self._fold(within_parts(self.frames_of(run, subject), parts_m)))
-            status = Status.OK if np.isfinite(observed).all() else Status.NONFINITE
+            seen = Status.OK if observed.any() else Status.UNSEEN  # stuck before the part that the logs cover
+            status = seen if np.isfinite(observed).all() else Status.NONFINITE
         return RunOutcome(
             request=request,
             status=status,

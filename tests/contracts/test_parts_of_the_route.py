@@ -8,7 +8,7 @@ import pytest
 
 from jaxcalib.problem.engines import sumo_engine, surrogate_engine
 from jaxcalib.problem.problem import CalibrationProblem
-from sim_adapters.interface import RunOutcome, RunRequest, Simulator
+from sim_adapters.interface import RunOutcome, RunRequest, Simulator, Status
 from sim_adapters.sumo.simulator import SumoSimulator
 from sim_adapters.world.recorded_parts import RecordedParts
 
@@ -16,6 +16,7 @@ pytestmark = [pytest.mark.long, pytest.mark.usefixtures("quick_engines")]
 
 FIRST_M, LAST_M, TWO_M = ((-np.inf, 800.0),), ((800.0, np.inf),), ((600.0, 700.0), (850.0, 1000.0))
 PARTS = (((-np.inf, np.inf),), FIRST_M, LAST_M, TWO_M)
+BEYOND_M = ((5000.0, np.inf),)  # where nobody comes to
 DEPART_S = 70.0
 FRAME_M = 20.0  # farther than any vehicle drives from frame to frame
 
@@ -30,8 +31,9 @@ def outcomes(
     small_problem: CalibrationProblem, make: Callable[[CalibrationProblem], Simulator]
 ) -> Iterator[list[RunOutcome]]:
     """One drive, observed in four ways: departures that differ by less than a step are the same drive."""
-    departs_s = [DEPART_S - 0.004 * number for number in range(len(PARTS))]
-    template = dataclasses.replace(small_problem.template, recorded=tuple(map(RecordedParts, departs_s, PARTS)))
+    parts = (*PARTS, BEYOND_M)
+    departs_s = [DEPART_S - 0.004 * number for number in range(len(parts))]
+    template = dataclasses.replace(small_problem.template, recorded=tuple(map(RecordedParts, departs_s, parts)))
     simulator = make(dataclasses.replace(small_problem, template=template))
     values = tuple(template.base_values().tolist())
     yield simulator.run([RunRequest(values, 3, depart_s) for depart_s in departs_s])
@@ -41,7 +43,9 @@ def outcomes(
 
 @pytest.fixture(scope="module")
 def of(small_problem: CalibrationProblem, outcomes: list[RunOutcome]) -> Callable[[str], np.ndarray]:
-    return lambda name: np.asarray([outcome.observed[small_problem.tally_index[name]] for outcome in outcomes])
+    return lambda name: np.asarray(
+        [outcome.observed[small_problem.tally_index[name]] for outcome in outcomes[: len(PARTS)]]
+    )
 
 
 def test_a_part_is_as_long_as_it_is(of: Callable[[str], np.ndarray]):
@@ -56,6 +60,12 @@ def test_what_is_seen_in_two_halves_is_what_is_seen(of: Callable[[str], np.ndarr
         whole, first, last, two = of(name)
         assert first + last == pytest.approx(whole, rel=1e-6)
         assert 0.3 * whole < two < 0.8 * whole
+
+
+def test_a_run_that_never_comes_to_its_part_fails(outcomes: list[RunOutcome]):
+    assert [outcome.status for outcome in outcomes] == [*[Status.OK] * len(PARTS), Status.UNSEEN]
+    assert outcomes[-1].observed is None
+    assert not outcomes[-1].status.is_ok
 
 
 def test_a_drive_is_one_however_many_parts_it_has(of: Callable[[str], np.ndarray]):

@@ -55,7 +55,14 @@ def test_gaps_part_a_log_where_the_vehicle_moves():
 
 @pytest.mark.parametrize(
     ("begin_s", "position", "begin_m"),
-    [(600.2, "last", -np.inf), (600.2, "base", 102.0), (600.2, "10", 102.0), (605.0, "last", 102.0)],
+    [
+        (600.2, "last", -np.inf),
+        (600.2, "base", 102.0),
+        (600.2, "10", 102.0),
+        (605.0, "last", 102.0),
+        (600.2, "90", -np.inf),
+        (600.2, "-90", -np.inf),
+    ],
 )
 def test_who_enters_anywhere_may_have_entered_there(begin_s: float, position: str, begin_m: float):
     """102 m take a vehicle from the route's begin some seconds, unless it was put there."""
@@ -79,4 +86,7 @@ def test_a_part_is_told():
     assert of_part.startswith(
         "drive d02: the log covers 1500 of 3000 m of the route; it is compared with the same part"
     )
+    short = [without(log(0.0, 2990.0), 620.0, 622.0)]
+    assert recorded_parts(drives[:1], short, scenario("base"))[0].parts_m == ((-np.inf, 500.0), (550.0, np.inf))
+    assert coverage_warnings(recorded_parts(drives[:1], short, scenario("base")), short, LENGTH_M) == []
     assert of_gap.startswith("drive d03: the log covers 2250 of 3000 m of the route, and 750 m lie in its gaps;")
