@@ -32,7 +32,8 @@ def outcome_of(request: RunRequest, record: RunRecord, wall_s: float, template: 
         status = Status.NONFINITE
     elif not bool(record.subject_entered):
         status = Status.SUBJECT_MISSING
-    elif not np.any(record.observed):  # stuck before the part of the route that the logs cover
+    # stuck before the part of the route that the logs cover: then observers have counted nothing
+    elif template.recorded and not np.any(record.observed):
         status = Status.UNSEEN
     # a logged drive overlaps others without being able to help it; both it and its follower count
     elif int(record.num_collisions) - 2 * num_overlaps > _collisions_allowed(record):

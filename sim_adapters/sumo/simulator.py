@@ -220,9 +220,12 @@ class SumoSimulator:
             status = Status.SUBJECT_MISSING
         else:
             parts_m = parts_of(self._recorded, request.depart_s, request.seed)
-            observed = np.asarray(self._fold(within_parts(self.frames_of(run, subject), parts_m)))
-            seen = Status.OK if observed.any() else Status.UNSEEN  # stuck before the part that the logs cover
-            status = seen if np.isfinite(observed).all() else Status.NONFINITE
+            frames = within_parts(self.frames_of(run, subject), parts_m)
+            observed = np.asarray(self._fold(frames))
+            if not np.isfinite(observed).all():
+                status = Status.NONFINITE
+            elif not np.any(frames.valid):  # stuck before the part that the logs cover
+                status = Status.UNSEEN
         return RunOutcome(
             request=request,
             status=status,
