@@ -16,6 +16,7 @@ from jaxcalib.case.log_section import LogSection
 from jaxcalib.errors import CaseError, quote, raise_faults, shorten
 
 FILE_NAME = "case.toml"
+CHECK_PAGE = "check.html"  # what a check draws beside it; no part of the case
 LARGEST_BYTES = 65_536
 MOST_DOTS = 20  # dotted keys cost quadratic time in the standard library's parser: 40 kB of them took 8.9 s
 

@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
+from jaxcalib.case.case_file import CHECK_PAGE
 from jaxcalib.cli.options import WholeNumber
 from jaxcalib.importers.registry import IMPORTERS
 
@@ -36,7 +37,7 @@ def check(case: Path, /, *, out: Path | None = None) -> int:
 
     if code := guarded(work, "nothing was changed.", names_all=True):
         return code
-    code, page = print_check(found[0]), out or case / "check.html"
+    code, page = print_check(found[0]), out or case / CHECK_PAGE
     is_asked_for = out is not None
     return guarded(lambda: leave_page(found[0], page, is_asked_for=is_asked_for), "no figure was written.") or code
 
@@ -99,7 +100,7 @@ def import_(
         return code
     if code := check(out):
         print(
-            f"jaxcalib: {out} is kept, with {out / 'check.html'}: mend it, or remove it and import again.",
+            f"jaxcalib: {out} is kept, with {out / CHECK_PAGE}: mend it, or remove it and import again.",
             file=sys.stderr,
         )
     return code

@@ -13,6 +13,7 @@ from filelock import FileLock, Timeout
 import sim_adapters
 import surrogate
 from jaxcalib.case.case import Case
+from jaxcalib.case.case_file import CHECK_PAGE
 from jaxcalib.errors import CaseError, quote, shorten
 from jaxcalib.runs.disk import writing_to
 from jaxcalib.runs.journal import Journal
@@ -87,10 +88,11 @@ def open_run_folder(path: Path, identity: dict[str, str], resume: bool) -> RunFo
 def identify(case: Case, options: dict[str, Any], more_packages: Sequence[Path] = ()) -> dict[str, str]:
     """Return digests of all that runs depend on: the case's files, the options, the program with its libraries.
 
+    The page of a check lies in the case's folder, but is no part of it: a check must not keep a run from going on.
     More packages are folders of code above this one that runs depend on, too.
     """
     files = hashlib.sha256()
-    _add_files(files, case.folder, "*")
+    _add_files(files, case.folder, "*", without=CHECK_PAGE)
     for file in files_elsewhere(case):
         files.update(hashlib.sha256(file.read_bytes()).digest())
     return {
@@ -122,9 +124,9 @@ def files_elsewhere(case: Case) -> tuple[Path, ...]:
     return tuple(sorted({file.resolve() for file in named if not file.resolve().is_relative_to(case.folder)}))
 
 
-def _add_files(digest: Any, folder: Path, pattern: str) -> None:
+def _add_files(digest: Any, folder: Path, pattern: str, without: str | None = None) -> None:
     for file in sorted(folder.rglob(pattern)):
-        if file.is_file() and "__pycache__" not in file.parts:
+        if file.is_file() and "__pycache__" not in file.parts and str(file.relative_to(folder)) != without:
             digest.update(f"{file.relative_to(folder)}\0".encode())
             digest.update(hashlib.sha256(file.read_bytes()).digest())
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from jaxcalib.cli.app import calibrate
+from jaxcalib.cli.app import calibrate, check
 from jaxcalib.cli.guarded import EXIT_CASE_WRONG
 from tests.places import CORRIDOR
 
@@ -135,6 +135,18 @@ def test_a_run_is_bound_to_files_that_lie_elsewhere(case: Path, file: str):
     elsewhere.write_bytes(elsewhere.read_bytes() + b" ")
     after = identify(read_case(case), {})
     assert (before["case"] == after["case"], before["program"] == after["program"]) == (False, True)
+
+
+def test_a_check_does_not_keep_a_run_from_going_on(case: Path):
+    from jaxcalib.case.case import read_case
+    from jaxcalib.runs.run_folder import identify
+
+    before = identify(read_case(case), {})
+    assert check(case) == 0
+    assert (case / "check.html").exists()
+    assert identify(read_case(case), {}) == before
+    (case / "scenario/check.html").write_text("of the user's own")
+    assert identify(read_case(case), {}) != before
 
 
 def test_a_begun_run_needs_resume_and_the_same_options(case: Path, capsys: pytest.CaptureFixture[str]):
