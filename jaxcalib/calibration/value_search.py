@@ -14,7 +14,13 @@ from jaxcalib.calibration.confirmation.final_errors import FinalRuns
 from jaxcalib.calibration.confirmation.search_on import leaves_more_than_noise, search_on_in_sumo
 from jaxcalib.calibration.confirmation.space_mapping import search_mapped
 from jaxcalib.calibration.first_values import find_first_values, sumo_evaluator
-from jaxcalib.calibration.stages.budget import Budget, in_sumo_alone, plan_budget
+from jaxcalib.calibration.stages.budget import (
+    Budget,
+    in_sumo_alone,
+    plan_budget,
+    runs_of_polish,
+    with_mapping,
+)
 from jaxcalib.calibration.stages.two_stage import TwoStageResult, search_two_stages
 from jaxcalib.initial_values.initial_point import InitialPoint
 from jaxcalib.problem.engines import DECISION_INTERVAL_S
@@ -106,10 +112,14 @@ def search_values(
             agreements.append(agreement)
             if may_leave_surrogate and not agreement.holds:
                 session.progress.notes([f"{agreement}; so the search goes on with SUMO."])
+                going_on = with_mapping(plan, problem)
+                session.progress.plan(going_on.num_surrogate_runs, going_on.num_sumo_runs)
                 finals = Finals(initial.space, evaluator, confirming, plan, session)
                 confirmation = search_mapped(confirmation, found, finals)
                 if leaves_more_than_noise(confirmation):
                     in_sumo_plan = in_sumo_alone(plan, problem, plan.scale)
+                    polishing = in_sumo_plan.most_polishes * runs_of_polish(in_sumo_plan, problem)
+                    session.progress.plan(going_on.num_surrogate_runs, going_on.num_sumo_runs + polishing)
                     confirmation = search_on_in_sumo(confirmation, found, in_sumo, finals, in_sumo_plan)
                 agreements.append(_agreement_of_result(problem, confirmation, "at the values found with SUMO"))
     return SearchedValues(

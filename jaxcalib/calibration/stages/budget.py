@@ -96,6 +96,24 @@ def in_sumo_alone(plan: Budget, problem: CalibrationProblem, scale: float) -> Bu
     return replace(plan, num_search_runs=_num_search_runs(problem, plan))
 
 
+def with_mapping(plan: Budget, problem: CalibrationProblem) -> Budget:
+    """The numbers of runs of a search that goes on by space mapping, as the progress bar counts them.
+
+    Each of its steps polishes twice in the surrogate, where about half of the runs are known already, and has two
+    finalists.
+    """
+    return replace(
+        plan,
+        num_search_runs=plan.num_search_runs + plan.most_mappings * runs_of_polish(plan, problem),
+        confirmation_rounds=plan.confirmation_rounds + 2 * plan.most_mappings,
+    )
+
+
+def runs_of_polish(plan: Budget, problem: CalibrationProblem) -> int:
+    """Return the runs of a polish of all parameters, about."""
+    return (len(problem.layout.names) + 6) * in_rounds(problem.departs_s("fit"), plan.polish_runs)
+
+
 def _plan_budget(problem: CalibrationProblem, scale: float) -> Budget:
     scenario = problem.parts.scenario
     size = expected_vehicles(problem) * scenario.duration_s / scenario.step_s
@@ -136,7 +154,7 @@ def _num_search_runs(problem: CalibrationProblem, plan: Budget) -> int:
     per_candidate = in_rounds(departs_s, plan.runs_per_candidate)
     return (
         (cases + plan.num_evaluations + 3 * SHORTLISTED * SHORTLIST_RUNS) * per_candidate
-        + 2 * (len(layout.names) + 6) * in_rounds(departs_s, plan.polish_runs)
+        + 2 * runs_of_polish(plan, problem)
         + 8 * in_rounds(departs_s, plan.noise_runs)
         + in_rounds(departs_s, plan.covariance_runs)
     )

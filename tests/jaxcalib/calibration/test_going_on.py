@@ -7,13 +7,31 @@ import pytest
 
 from jaxcalib.calibration import value_search
 from jaxcalib.calibration.stages.budget import Budget
+from jaxcalib.runs.progress import Silent
 from jaxcalib.runs.session import open_session
 
 PLAN: Any = Budget(8, 16, 16, 64, 32, 5, 2, 64, 2, 2, 3)
 
 
+PROBLEM: Any = SimpleNamespace(layout=SimpleNamespace(names=("main", "tau", "accel")), departs_s=lambda role: (300.0,))
+A_POLISH = (len(PROBLEM.layout.names) + 6) * PLAN.polish_runs
+MAPPING = PLAN.most_mappings * 2 * PLAN.confirmation_runs  # two finalists a step
+POLISHING = PLAN.most_polishes * A_POLISH
+
+
+class Planned(Silent):
+    """Notes by how much a search in SUMO grows."""
+
+    def __init__(self, done: list) -> None:
+        self._done = done
+
+    def plan(self, num_surrogate_runs: int, num_sumo_runs: int) -> None:
+        assert num_surrogate_runs == PLAN.num_surrogate_runs + PLAN.most_mappings * A_POLISH
+        self._done.append(num_sumo_runs - PLAN.num_sumo_runs)
+
+
 def went_on(patch: pytest.MonkeyPatch, *, agrees: bool, beyond_noise: bool, may_leave: bool) -> tuple[list, list]:
-    """Return what was done after the confirmation, and which points are on record as compared."""
+    """Return what was done after the confirmation, SUMO's further runs among it, and which points are on record."""
     done: list[str] = []
 
     def step(name: str) -> Any:
@@ -38,9 +56,9 @@ def went_on(patch: pytest.MonkeyPatch, *, agrees: bool, beyond_noise: bool, may_
     patch.setattr(value_search, "leaves_more_than_noise", lambda confirmation: beyond_noise)
     patch.setattr(value_search, "_agreement_of_result", compared)
     nothing: Any = None
-    with open_session(None, {}) as session:
+    with open_session(None, {}, progress=Planned(done)) as session:
         searched = value_search.search_values(
-            nothing, nothing, PLAN, nothing, nothing, session, nothing, may_leave_surrogate=may_leave
+            PROBLEM, nothing, PLAN, nothing, nothing, session, nothing, may_leave_surrogate=may_leave
         )
     return done, [(one.where, one.of) for one in searched.agreements]
 
@@ -54,13 +72,13 @@ def test_a_surrogate_that_drives_alike_needs_no_more(monkeypatch: pytest.MonkeyP
 
 def test_one_that_does_not_is_mapped_and_what_failed_stays_on_record(monkeypatch: pytest.MonkeyPatch):
     done, compared = went_on(monkeypatch, agrees=False, beyond_noise=False, may_leave=True)
-    assert done == ["mapping"]
+    assert done == [MAPPING, "mapping"]
     assert compared == [FOUND, ("at the values found with SUMO", "mapping")]
 
 
 def test_sumo_polishes_while_noise_explains_less_than_remains(monkeypatch: pytest.MonkeyPatch):
     done, compared = went_on(monkeypatch, agrees=False, beyond_noise=True, may_leave=True)
-    assert done == ["mapping", "SUMO"]
+    assert done == [MAPPING, "mapping", MAPPING + POLISHING, "SUMO"]
     assert compared == [FOUND, ("at the values found with SUMO", "SUMO")]
 
 
