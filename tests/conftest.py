@@ -6,7 +6,6 @@ Fixtures import what they need when they are asked for it: JAX reads its environ
 import contextlib
 import gc
 import os
-import re
 import shutil
 import subprocess
 import sys
@@ -20,6 +19,7 @@ from filelock import FileLock
 from threadpoolctl import threadpool_limits
 
 from jaxcalib.cli.compilation_cache import keep_compiled_programs
+from tests.copies import copy_corridor
 from tests.places import CORRIDOR, ROOT
 
 if TYPE_CHECKING:
@@ -35,11 +35,18 @@ if TYPE_CHECKING:
 WORKER, NUM_WORKERS = "PYTEST_XDIST_WORKER", "PYTEST_XDIST_WORKER_COUNT"
 PROGRAMS = "JAXCALIB_CACHE"
 FOLDER = "JAXCALIB_TESTS_FOLDER"
+GIVEN = "JAXCALIB_TESTS_GIVEN_XLA_FLAGS"  # workers inherit what the process was given that started them
 IS_OURS = FOLDER not in os.environ  # workers inherit the folder of the process that started them
 
 # Programs are kept from one call of the tests to the next, too, as the command line keeps them: found by what they are
 # made from, so that what has changed is traced and compiled anew.
 os.environ.setdefault(PROGRAMS, str(ROOT / ".pytest_cache" / "programs"))
+# Most programs of tests are run a few times: so they are made in a third of the time, and take twice as long. What they
+# compute is the same but for rounding. Processes that a test starts inherit that; some take programs as users do, see
+# `as_users_do`.
+QUICKLY = ("--xla_backend_optimization_level=0", "--xla_cpu_use_fusion_emitters=false")
+GIVEN_FLAGS = os.environ.setdefault(GIVEN, os.environ.get("XLA_FLAGS", ""))
+os.environ["XLA_FLAGS"] = " ".join([GIVEN_FLAGS, *QUICKLY]).strip()
 # As many devices as commands on a worker's core say that there are: a program's name depends on it, and tests and the
 # processes that they start have some programs in common.
 os.environ.setdefault("JAX_NUM_CPU_DEVICES", "1")
@@ -178,15 +185,16 @@ def template(corridor: "Scenario", layout: "ParameterLayout") -> "WorldTemplate"
 
 
 @pytest.fixture(scope="session")
-def problem(tmp_path_factory: pytest.TempPathFactory) -> "CalibrationProblem":
-    """The corridor with two of its drives."""
+def two_drives(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The corridor with two of its drives, one to fit and one held out; whoever alters it copies it first."""
+    return copy_corridor(tmp_path_factory.mktemp("case") / "corridor", "d01", "d03")
+
+
+@pytest.fixture(scope="session")
+def problem(two_drives: Path) -> "CalibrationProblem":
     from jaxcalib.problem.problem import read_problem
 
-    folder = Path(shutil.copytree(CORRIDOR, tmp_path_factory.mktemp("case") / "corridor"))
-    head, *drives = re.split(r"(?=\[\[drive\]\])", (folder / "case.toml").read_text())
-    chosen = [drive for drive in drives if '"d01"' in drive or '"d03"' in drive]
-    (folder / "case.toml").write_text(head + "".join(chosen))
-    return read_problem(folder)
+    return read_problem(two_drives)
 
 
 @pytest.fixture(scope="session")
@@ -211,14 +219,14 @@ def drive_on() -> Callable[["World", int], list["TrafficState"]]:
     from surrogate.loop.moving import move_on
     from surrogate.loop.step import initial_state, settle_lanes
     from surrogate.loop.world import Clock
-    from tests.jit_quickly import jit_quickly
+    from tests.jit_marked import jit_marked
 
     clock, capacity = Clock(step_s=0.1, steps_per_decision=10), 288
 
     def advance(state: "TrafficState", world: "World") -> "TrafficState":
         return move_on(settle_lanes(state, world, clock), world, clock.step_s, clock.steps_per_decision)
 
-    decide = jit_quickly(advance)
+    decide = jit_marked(advance)
     begin = jax.jit(lambda world: initial_state(world, capacity))
 
     def run(world: "World", num_decisions: int) -> list["TrafficState"]:
@@ -230,12 +238,10 @@ def drive_on() -> Callable[["World", int], list["TrafficState"]]:
     return run
 
 
-@pytest.fixture
-def quick_engines(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Surrogates of this test take programs that are made quickly, see `tests.jit_quickly`: no bit may count there."""
-    from tests.jit_quickly import make_engines_quickly
-
-    make_engines_quickly(monkeypatch)
+@pytest.fixture(scope="session")
+def as_users_do() -> dict[str, str]:
+    """Return the environment of a process whose programs the compiler makes as it does for users."""
+    return os.environ | {"XLA_FLAGS": GIVEN_FLAGS}
 
 
 @pytest.fixture(scope="session")

@@ -22,7 +22,7 @@ from surrogate.loop.moving import move_on
 from surrogate.loop.step import initial_state, settle_lanes
 from surrogate.loop.world import Clock
 from surrogate.road.traffic_state import TrafficState
-from tests.jit_quickly import jit_quickly
+from tests.jit_marked import jit_marked
 from tests.places import CORRIDOR
 
 pytestmark = pytest.mark.long
@@ -119,7 +119,7 @@ def drive(template: WorldTemplate, steps_per_decision: int, capacity: int = 288)
     clock = Clock(step_s=0.1, steps_per_decision=steps_per_decision)
     values = jnp.asarray(template.base_values(), jnp.float32)
 
-    @jit_quickly
+    @jit_marked
     def run(seed: jax.Array) -> tuple:
         world = template.world(values, seed, jnp.asarray(DEPART_S, jnp.float32))
 

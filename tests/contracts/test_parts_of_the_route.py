@@ -12,7 +12,7 @@ from sim_adapters.interface import RunOutcome, RunRequest, Simulator, Status
 from sim_adapters.sumo.simulator import SumoSimulator
 from sim_adapters.world.recorded_parts import RecordedParts
 
-pytestmark = [pytest.mark.long, pytest.mark.usefixtures("quick_engines")]
+pytestmark = pytest.mark.long
 
 FIRST_M, LAST_M, TWO_M = ((-np.inf, 800.0),), ((800.0, np.inf),), ((600.0, 700.0), (850.0, 1000.0))
 PARTS = (((-np.inf, np.inf),), FIRST_M, LAST_M, TWO_M)

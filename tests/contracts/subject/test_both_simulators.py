@@ -28,7 +28,7 @@ from surrogate.loop.step import initial_state, look_up_lane, settle_lanes
 from surrogate.loop.world import Clock, World
 from surrogate.road.traffic_state import TrafficState, with_changes
 from surrogate.subject.registry import SubjectModel
-from tests.jit_quickly import jit_quickly
+from tests.jit_marked import jit_marked
 from tests.places import CORRIDOR
 
 pytestmark = pytest.mark.long
@@ -93,7 +93,7 @@ def stepping() -> Callable[[TrafficState, World], TrafficState]:
         state = jax.lax.cond(decides, lambda s: settle_lanes(s, world, CLOCK), lambda s: s, state)
         return move_on(state, world, CLOCK.step_s, 1)
 
-    return jit_quickly(one_step)
+    return jit_marked(one_step)
 
 
 def run_in_surrogate(run: SumoRun, template: WorldTemplate, first: int) -> np.ndarray:

@@ -23,7 +23,7 @@ from surrogate.road.traffic_state import TrafficState, with_changes
 from surrogate.subject.following import SubjectFollowing
 from surrogate.subject.registry import SubjectModel
 from surrogate.vehicle.lane_change_model import STAY
-from tests.jit_quickly import jit_quickly
+from tests.jit_marked import jit_marked
 from tests.places import CORRIDOR
 
 LAYOUT = ParameterLayout(("main",), (("f_main_o1", "f_main_e"),), ("car",), ("tau",))
@@ -106,7 +106,7 @@ def test_a_planned_acceleration_goes_on_while_a_lane_change_takes_its_time(has_e
         vehicles = with_memories(world.effects, vehicles, world.seed)
     state = initial_state(world, vehicles.row.shape[0], clock)
     state = eqx.tree_at(lambda s: (s.vehicles, s.head), state, (vehicles, jnp.asarray(head)), is_leaf=_is_none)
-    program = jit_quickly(advance).lower(state, world).compile()  # one: it refuses another type
+    program = jit_marked(advance).lower(state, world).compile()  # one: it refuses another type
     rows, num_changing = [], 0
     for _ in range(14):
         state = program(state, world)

@@ -2,7 +2,6 @@
 
 import functools
 import re
-import shutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -26,8 +25,8 @@ from surrogate.loop.world import Clock, World
 from surrogate.road.perception import Sensor, perceive
 from surrogate.road.traffic_state import TrafficState, empty_vehicles, with_changes
 from surrogate.subject.logged_drive import overlaps
-from tests.jit_quickly import jit_quickly
-from tests.places import CORRIDOR
+from tests.copies import copy_corridor
+from tests.jit_marked import jit_marked
 
 STEP_S = 0.1
 
@@ -97,14 +96,13 @@ def problem(tmp_path_factory: pytest.TempPathFactory) -> CalibrationProblem:
 
 
 def replayed_case(place: Path, duration_s: float) -> CalibrationProblem:
-    folder = Path(shutil.copytree(CORRIDOR, place / "corridor"))
+    folder = copy_corridor(place / "corridor", "d02")
     config = folder / "scenario/scenario.sumocfg"
     duration = f'<processing><lanechange.duration value="{duration_s:g}"/>'
     assert "<processing>" in config.read_text()
     config.write_text(config.read_text().replace("<processing>", duration))
     text = re.sub(r"(vehicle\s*= \"ego\")", r'\1\nmodel = "replay"', (folder / "case.toml").read_text())
-    head, *drives = re.split(r"(?=\[\[drive\]\])", text)
-    (folder / "case.toml").write_text(head + drives[1])
+    (folder / "case.toml").write_text(text)
     return read_problem(folder)
 
 
@@ -134,7 +132,7 @@ def to_next_frame(duration_s: float) -> Callable[[TrafficState, World, jax.Array
         told = (seen.time_s, seen.subject_position_m, seen.subject_speed_mps, row, seen.valid)
         return state, jnp.stack([jnp.asarray(one, jnp.float32) for one in told])
 
-    return jit_quickly(frame)
+    return jit_marked(frame)
 
 
 def in_surrogate(

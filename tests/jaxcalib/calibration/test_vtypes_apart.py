@@ -47,12 +47,15 @@ def problem(case: Path) -> CalibrationProblem:
 
 @pytest.fixture(scope="module")
 def out(
-    case: Path, tmp_path_factory: pytest.TempPathFactory, on_all_cores: Callable[[], AbstractContextManager[None]]
+    case: Path,
+    tmp_path_factory: pytest.TempPathFactory,
+    on_all_cores: Callable[[], AbstractContextManager[None]],
+    as_users_do: dict[str, str],
 ) -> Path:
     folder = tmp_path_factory.mktemp("calibration") / "run"
     command = [sys.executable, "-m", "jaxcalib", "calibrate", str(case), "--out", str(folder), "--budget", BUDGET]
     with on_all_cores():
-        done = subprocess.run(command, capture_output=True, text=True, timeout=LONGEST_S, check=False)
+        done = subprocess.run(command, env=as_users_do, capture_output=True, text=True, timeout=LONGEST_S, check=False)
     assert done.returncode == 0, done.stderr[-3000:]
     return folder
 

@@ -1,8 +1,6 @@
 """The page of `jaxcalib check`: what is drawn is what the logs say, and it is there when a case is refused, too."""
 
 import dataclasses
-import re
-import shutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -24,6 +22,7 @@ from jaxcalib.field.drive_logs import DriveLogs, judge_without_road, read_drives
 from jaxcalib.field.field_log import DriveCounts
 from jaxcalib.field.route_geometry import build_route_geometry
 from sim_adapters.scenario.scenario import Scenario
+from tests.copies import copy_corridor
 from tests.places import CORRIDOR
 
 Table = pd.DataFrame
@@ -232,9 +231,7 @@ def test_names_are_escaped(case: Case):
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A copy of the corridor with a drive whose speeds are of another unit."""
-    copy = Path(shutil.copytree(CORRIDOR, tmp_path_factory.mktemp("case") / "corridor"))
-    head, first, *_ = re.split(r"(?=\[\[drive\]\])", (copy / "case.toml").read_text())
-    (copy / "case.toml").write_text(head + first)
+    copy = copy_corridor(tmp_path_factory.mktemp("case") / "corridor", "d01")
     file = copy / "field/d01_subject.csv.gz"
     table = pd.read_csv(file)
     table.assign(speed_kmh=table.speed_kmh / 3.6).to_csv(file, index=False)

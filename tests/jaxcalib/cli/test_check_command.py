@@ -2,7 +2,6 @@
 
 import gzip
 import re
-import shutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -11,7 +10,7 @@ import pytest
 from jaxcalib.check.scenario_check import CaseCheck, check_case
 from jaxcalib.cli.app import check
 from jaxcalib.cli.guarded import EXIT_CASE_WRONG
-from tests.places import CORRIDOR
+from tests.copies import copy_corridor
 
 CONFIG, DEMAND = "scenario/scenario.sumocfg", "scenario/demand.rou.xml"
 WHILE_IT_TAKES_S = 120.0  # of SUMO's run, however busy the machine is
@@ -20,10 +19,7 @@ WHILE_IT_TAKES_S = 120.0  # of SUMO's run, however busy the machine is
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
     """Return a copy of the corridor with a drive to fit and one held out."""
-    copy = Path(shutil.copytree(CORRIDOR, tmp_path / "corridor"))
-    head, *tables = re.split(r"(?=\[\[drive\]\])", (copy / "case.toml").read_text())
-    (copy / "case.toml").write_text(head + tables[0] + tables[2])
-    return copy
+    return copy_corridor(tmp_path / "corridor", "d01", "d03")
 
 
 @pytest.fixture

@@ -1,9 +1,8 @@
 """The command: wrong input ends with exit code 2 and one line."""
 
-import shutil
-
 from jaxcalib.cli.app import diagnose
 from jaxcalib.cli.guarded import EXIT_CASE_WRONG
+from tests.copies import copy_corridor
 from tests.places import CORRIDOR
 
 
@@ -13,7 +12,7 @@ def test_no_case(tmp_path, capsys):
 
 
 def test_case_without_drive_to_fit(tmp_path, capsys):
-    shutil.copytree(CORRIDOR, tmp_path / "case")
+    copy_corridor(tmp_path / "case", "d01", "d03")
     file = tmp_path / "case" / "case.toml"
     file.write_text(file.read_text().replace('"fit"', '"held_out"'))
     assert diagnose(tmp_path / "case", out=tmp_path / "run") == EXIT_CASE_WRONG

@@ -2,7 +2,6 @@
 
 import gzip
 import re
-import shutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -10,7 +9,7 @@ import pytest
 
 from jaxcalib.cli.app import calibrate, check
 from jaxcalib.cli.guarded import EXIT_CASE_WRONG
-from tests.places import CORRIDOR
+from tests.copies import copy_corridor
 
 CONFIG, DEMAND = "scenario/scenario.sumocfg", "scenario/demand.rou.xml"
 SUBJECT, OBJECTS = "field/d01_subject.csv.gz", "field/d01_objects.csv.gz"
@@ -77,8 +76,7 @@ WRONG = {
 
 @pytest.fixture
 def case(tmp_path: Path) -> Path:
-    shutil.copytree(CORRIDOR, tmp_path / "case")
-    return tmp_path / "case"
+    return copy_corridor(tmp_path / "case", "d01", "d02", "d03")
 
 
 @pytest.mark.parametrize("name", WRONG)

@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 from jaxcalib.cli.app import app
+from jaxcalib.dossier import evidence
 from jaxcalib.dossier.dossier import HEADINGS, write_dossier
 from jaxcalib.dossier.evidence import STATED
 from jaxcalib.dossier.use_and_data import ASKED_OF_PEOPLE
@@ -23,6 +24,12 @@ NOTHING: dict[str, Any] = {"fit": {}, "held_out": {}}
 @pytest.fixture(scope="module")
 def problem() -> CalibrationProblem:
     return read_problem(CORRIDOR)
+
+
+@pytest.fixture(autouse=True)
+def read_once(monkeypatch: pytest.MonkeyPatch, problem: CalibrationProblem):
+    """The case is read once for all tests but those that alter a copy of it."""
+    monkeypatch.setattr(evidence, "read_problem", lambda case: problem if case == CORRIDOR else read_problem(case))
 
 
 def result_of(problem: CalibrationProblem) -> dict[str, Any]:

@@ -1,6 +1,5 @@
 """Calibrated traffic for other simulators: what is written comes back, and both formats tell the same drive."""
 
-import shutil
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -17,8 +16,9 @@ from jaxcalib.field.route_geometry import build_route_geometry
 from jaxcalib.importers.importer import ImportOptions
 from jaxcalib.importers.sumo_fcd import slices_in
 from jaxcalib.importers.trajectories import Slice
-from jaxcalib.problem.problem import read_problem
+from jaxcalib.problem.problem import CalibrationProblem
 from sim_adapters.sumo.trajectories import VehicleKind, record_trajectories
+from tests.copies import copy_corridor
 from tests.jaxcalib.exporters.traffic import run_of_the_scenario
 from tests.places import CORRIDOR
 
@@ -101,13 +101,14 @@ def test_instants_without_the_host_are_left_out_and_the_file_names_its_release(t
     assert channel["net.asam.osi.trace.channel.osi_version"] == release
 
 
-def test_a_subject_vehicle_with_a_driver_of_its_own_is_not_written_as_sumos(tmp_path: Path):
-    case = tmp_path / "case"
-    shutil.copytree(CORRIDOR, case)
+def test_a_subject_vehicle_with_a_driver_of_its_own_is_not_written_as_sumos(
+    tmp_path: Path, problem: CalibrationProblem
+):
+    case = copy_corridor(tmp_path / "case", "d01", "d03")
     text = (case / "case.toml").read_text()
     assert "[subject]\n" in text
     (case / "case.toml").write_text(text.replace("[subject]\n", '[subject]\nmodel = "planner"\n'))
-    run_of_the_scenario(tmp_path / "run")
+    run_of_the_scenario(tmp_path / "run", problem)
     with pytest.raises(CaseError, match=r'subject\.model: expected model = "vtype", got "planner".*--free-subject'):
         export(case, tmp_path / "run", tmp_path / "out")
     assert not (tmp_path / "out").exists()
@@ -135,15 +136,17 @@ def test_a_trace_comes_back_as_the_drive_that_it_was(tmp_path: Path, projection:
         assert [first["longitude_rad"], first["latitude_rad"]] == pytest.approx(expected, abs=1e-8)
 
 
-def test_a_drive_that_is_not_there_is_refused_before_anything_is_written(tmp_path: Path):
-    run = run_of_the_scenario(tmp_path / "run")
+def test_a_drive_that_is_not_there_is_refused_before_anything_is_written(
+    tmp_path: Path, two_drives: Path, problem: CalibrationProblem
+):
+    run = run_of_the_scenario(tmp_path / "run", problem)
     with pytest.raises(CaseError, match="--drive: expected one of d01"):
-        export(CORRIDOR, run, tmp_path / "out", drive="d99")
+        export(two_drives, run, tmp_path / "out", drive="d99")
     assert not (tmp_path / "out").exists()
 
 
-def test_a_run_is_kept_from_the_departure_on_with_what_each_vehicle_is(tmp_path: Path):
-    problem, file = read_problem(CORRIDOR), tmp_path / "ten_seconds.xml.gz"
+def test_a_run_is_kept_from_the_departure_on_with_what_each_vehicle_is(tmp_path: Path, problem: CalibrationProblem):
+    file = tmp_path / "ten_seconds.xml.gz"
     kinds = record_trajectories(
         problem.scenario, problem.layout, problem.template.base_values().tolist(), 300.0, "ego", 310.0, 3, file, 300.0
     )
@@ -156,9 +159,9 @@ def test_a_run_is_kept_from_the_departure_on_with_what_each_vehicle_is(tmp_path:
 
 
 @pytest.mark.nightly("two runs of SUMO over the whole corridor take a minute; every commit makes one of ten seconds")
-def test_both_formats_tell_the_same_drive(tmp_path: Path):
+def test_both_formats_tell_the_same_drive(tmp_path: Path, problem: CalibrationProblem):
     """SUMO's own floating car data, and the trace that was made of it, imported as if somebody else had made them."""
-    run = run_of_the_scenario(tmp_path / "run")
+    run = run_of_the_scenario(tmp_path / "run", problem)
     command = ["export", str(CORRIDOR), str(run), "--out", str(tmp_path / "out"), "--drive", "d01", "--seed", "5"]
     for to in ("osi", "fcd"):
         assert app([*command, "--to", to], result_action="return_value") == 0
@@ -170,7 +173,7 @@ def test_both_formats_tell_the_same_drive(tmp_path: Path):
     for name in ("speed_kmh", "acceleration_mps2"):
         np.testing.assert_allclose(one.subject[name], other.subject[name], atol=1e-3)
     assert len(one.objects) == len(other.objects) > 5000
-    geometry = build_route_geometry(read_problem(CORRIDOR).scenario.row_map)
+    geometry = build_route_geometry(problem.scenario.row_map)
     longitude, latitude = (np.degrees(one.objects[f"{name}_rad"].to_numpy(float)) for name in ("longitude", "latitude"))
     places = np.stack(geometry.projection(longitude, latitude), axis=1) + geometry.net_offset_m
     since_s = [drive.objects["time_s"] - drive.subject["time_s"].iloc[0] for drive in (one, other)]

@@ -24,7 +24,7 @@ from jaxcalib.exporters.recorded_run import RecordedRun
 from jaxcalib.exporters.tracks import read_tracks
 from jaxcalib.importers.sumo_fcd import slices_in
 from jaxcalib.importers.trajectories import Slice
-from jaxcalib.problem.problem import read_problem
+from jaxcalib.problem.problem import CalibrationProblem
 from sim_adapters.sumo.trajectories import record_trajectories
 from tests.jaxcalib.exporters.traffic import KINDS, run_of_the_scenario, slice_at
 from tests.places import CORRIDOR
@@ -162,18 +162,20 @@ def test_without_its_package_the_format_says_what_to_install(tmp_path: Path, mon
         export(CORRIDOR, tmp_path / "run", tmp_path / "out", to="openscenario")
 
 
-def recorded(folder: Path) -> RecordedRun:
+def recorded(folder: Path, problem: CalibrationProblem) -> RecordedRun:
     """Three seconds of the corridor."""
-    problem, fcd = read_problem(CORRIDOR), folder / "three_seconds.xml.gz"
+    fcd = folder / "three_seconds.xml.gz"
     values = problem.template.base_values().tolist()
     kinds = record_trajectories(problem.scenario, problem.layout, values, 300.0, "ego", 303.0, 3, fcd, 300.0)
     return RecordedRun(problem, fcd, kinds, folder, "corridor_d01_3")
 
 
 @pytest.mark.long
-def test_a_run_of_sumo_comes_back_and_lies_on_the_road(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_a_run_of_sumo_comes_back_and_lies_on_the_road(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, problem: CalibrationProblem
+):
     pytest.importorskip("sumo", reason="netconvert is not installed")
-    run = recorded(tmp_path)
+    run = recorded(tmp_path, problem)
     scenario, road = export_open_scenario(run, range_m=None, has_free_subject=False)
     assert "'ego' is 'Ego'" in scenario
     assert road == f"{tmp_path / 'corridor_d01_3.xodr'}: the road, ASAM OpenDRIVE."
@@ -202,9 +204,9 @@ def test_a_run_of_sumo_comes_back_and_lies_on_the_road(tmp_path: Path, monkeypat
 
 
 @pytest.mark.nightly("a run of SUMO over the whole corridor takes half a minute; commits make one of three seconds")
-def test_the_command_writes_a_drive_and_its_road(tmp_path: Path):
+def test_the_command_writes_a_drive_and_its_road(tmp_path: Path, problem: CalibrationProblem):
     pytest.importorskip("sumo", reason="netconvert is not installed")
-    run, out = run_of_the_scenario(tmp_path / "run"), tmp_path / "out"
+    run, out = run_of_the_scenario(tmp_path / "run", problem), tmp_path / "out"
     command = [
         "export",
         str(CORRIDOR),

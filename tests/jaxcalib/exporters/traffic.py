@@ -7,9 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from jaxcalib.importers.trajectories import Slice
-from jaxcalib.problem.problem import read_problem
+from jaxcalib.problem.problem import CalibrationProblem
 from sim_adapters.sumo.trajectories import VehicleKind
-from tests.places import CORRIDOR
 
 KINDS = {
     "ego": VehicleKind(4.8, 1.8, 1.5, "passenger"),
@@ -25,9 +24,8 @@ def slice_at(time_s: float, vehicles: Mapping[str, tuple[float, float, float, fl
     return Slice(time_s, np.asarray(list(vehicles)), x_m, y_m, heading_rad, speed_mps, nothing, nothing, nothing)
 
 
-def run_of_the_scenario(folder: Path) -> Path:
+def run_of_the_scenario(folder: Path, problem: CalibrationProblem) -> Path:
     """RUN with the scenario's own values."""
-    problem = read_problem(CORRIDOR)
     values, layout = problem.template.base_values().tolist(), problem.layout
     parameters = {
         "demand": dict(zip(layout.input_ids, values, strict=False)),

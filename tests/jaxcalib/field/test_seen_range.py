@@ -2,7 +2,6 @@
 
 import dataclasses
 import re
-import shutil
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -13,7 +12,7 @@ import pytest
 from jaxcalib.case.case import Perception
 from jaxcalib.field.seen_range import FEWEST_ROWS, range_warnings, seen_perception
 from jaxcalib.problem.problem import read_problem
-from tests.places import CORRIDOR
+from tests.copies import copy_corridor
 
 STATED = Perception(150.0, 120.0, 4.8)
 CUT_M = 60.0
@@ -53,9 +52,7 @@ def test_the_line_names_key_and_both_ranges():
 
 
 def test_a_case_is_measured_with_what_its_sensors_saw(tmp_path: Path):
-    folder = Path(shutil.copytree(CORRIDOR, tmp_path / "corridor"))
-    head, *tables = re.split(r"(?=\[\[drive\]\])", (folder / "case.toml").read_text())
-    (folder / "case.toml").write_text(head + "".join(tables[:2]))
+    folder = copy_corridor(tmp_path / "corridor", "d01", "d02")
     for file in (folder / "field").glob("*_objects.csv.gz"):
         objects = pd.read_csv(file)
         objects[objects["relative_x_m"].abs() < CUT_M].to_csv(file, index=False)

@@ -1,9 +1,6 @@
 """A measure of one's own is a file and its line in the registry: field, both simulators and the objective know it."""
 
-import re
-import shutil
 from dataclasses import replace
-from pathlib import Path
 
 import jax.numpy as jnp
 import numpy as np
@@ -19,8 +16,8 @@ from jaxcalib.measures.scene import Scene
 from jaxcalib.problem.engines import sumo_engine, surrogate_engine
 from jaxcalib.problem.problem import CalibrationProblem, read_problem
 from sim_adapters.interface import RunRequest
+from tests.copies import copy_corridor
 
-CORRIDOR = Path(registry.__file__).parents[2] / "experiments/cases/corridor"
 NUM_RUNS = 4
 END_S, DEPART_S = 150.0, 91.0  # runs end while the subject vehicle is on its way
 
@@ -61,9 +58,7 @@ SHORT_HEADWAYS = MeasureGroup(
 @pytest.fixture(scope="module")
 def problem(tmp_path_factory: pytest.TempPathFactory) -> CalibrationProblem:
     """A drive on the corridor, with both measures in the registry."""
-    folder = Path(shutil.copytree(CORRIDOR, tmp_path_factory.mktemp("case") / "corridor"))
-    head, first, *_ = re.split(r"(?=\[\[drive\]\])", (folder / "case.toml").read_text())
-    (folder / "case.toml").write_text(head + first)
+    folder = copy_corridor(tmp_path_factory.mktemp("case") / "corridor", "d01")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(registry, "GROUPS", (*registry.GROUPS, FOLLOWING_SHARE, SHORT_HEADWAYS))
         problem = read_problem(folder)
@@ -104,7 +99,6 @@ def test_a_quotient_enters_the_objective_unless_it_says_otherwise(problem: Calib
 
 
 @pytest.mark.long
-@pytest.mark.usefixtures("quick_engines")
 @pytest.mark.parametrize("engine", ["surrogate", "sumo"])
 def test_both_simulators_are_measured(problem: CalibrationProblem, engine: str):
     values = tuple(problem.template.base_values().tolist())

@@ -1,7 +1,6 @@
 """What a case is refused for, or warned of, once scenario and drives are read; on copies of a real one."""
 
 import re
-import shutil
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
@@ -14,7 +13,7 @@ from jaxcalib.errors import CaseError
 from jaxcalib.problem.problem import read_problem
 from jaxcalib.problem.problem_checks import parts_warnings
 from sim_adapters.world.recorded_parts import WHOLE_M, RecordedParts
-from tests.places import CORRIDOR
+from tests.copies import copy_corridor
 
 HALF_M = ((-float("inf"), 800.0),)
 
@@ -22,10 +21,7 @@ HALF_M = ((-float("inf"), 800.0),)
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
     """Return a copy with two drives."""
-    copy = Path(shutil.copytree(CORRIDOR, tmp_path / "corridor"))
-    head, *tables = re.split(r"(?=\[\[drive\]\])", (copy / "case.toml").read_text())
-    (copy / "case.toml").write_text(head + "".join(tables[:2]))
-    return copy
+    return copy_corridor(tmp_path / "corridor", "d01", "d02")
 
 
 def change(folder: Path, pattern: str, what: Callable[[pd.DataFrame], pd.DataFrame]) -> None:

@@ -75,7 +75,6 @@ def test_frames_cover_the_drive_every_half_second(outcomes: dict[str, RunOutcome
         assert 5.0 < diary["speed"] / diary["frames"] <= 20.0 + 1e-3  # its vType's maxSpeed
 
 
-@pytest.mark.usefixtures("quick_engines")
 def test_steps_as_long_as_frames(template: WorldTemplate, requests: dict[str, RunRequest]) -> None:
     """They leave no step between a frame and a decision; the road is long enough for several tiles."""
     coarse = corridor_engine(template, Clock(0.5, 2), capacity=480, runs_per_device=1)

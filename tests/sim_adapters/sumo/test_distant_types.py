@@ -93,7 +93,6 @@ def in_sumo(problem: CalibrationProblem) -> RunOutcome:
 
 
 @pytest.mark.long
-@pytest.mark.usefixtures("quick_engines")
 def test_distant_vehicles_drive_as_they_are_told_in_both_simulators(corridor_folder: Path, tmp_path: Path) -> None:
     plain = problem_with(None, corridor_folder, tmp_path / "plain")
     alike = problem_with(ALIKE, corridor_folder, tmp_path / "alike")

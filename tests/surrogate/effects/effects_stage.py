@@ -19,7 +19,7 @@ from surrogate.road.neighbours import own_leader, second_leader
 from surrogate.road.perception import NO_TRACK, PerceptionFrame
 from surrogate.road.traffic_state import HEAD, VehicleArrays, empty_vehicles, with_changes
 from surrogate.vehicle.vehicle_class import VehicleClass
-from tests.jit_quickly import jit_quickly
+from tests.jit_marked import jit_marked
 
 STEP_S = 0.1
 S0, T, A, B, V0, LENGTH = 2.1, 1.3, 1.45, 1.9, 26.0, 4.8
@@ -65,7 +65,7 @@ def platoon(position_m: list[float], speed_mps: list[float], settings: Settings)
     return with_memories(effects, with_changes(empty, **typed), jnp.asarray(SEED))
 
 
-@functools.partial(jit_quickly, static_argnames="num_steps")
+@functools.partial(jit_marked, static_argnames="num_steps")
 def _drive(vehicles: VehicleArrays, effects: Effects, num_steps: int) -> VehicleArrays:
     classes = classes_of(effects)
     one = jnp.ones(vehicles.row.shape)

@@ -18,7 +18,7 @@ from surrogate.loop.world import World
 from surrogate.road.traffic_state import TrafficState
 from surrogate.vehicle.lane_change_model import LaneChangeModel, Reason
 from surrogate.vehicle.model_entry import ModelEntry, ParameterRangeError, UnknownModelError
-from tests.jit_quickly import jit_quickly
+from tests.jit_marked import jit_marked
 
 pytestmark = pytest.mark.long
 
@@ -135,7 +135,7 @@ def test_derivatives_of_a_decision_are_finite(states: list[TrafficState], world:
             jnp.where(jnp.isfinite(leaf), leaf, 0.0) for leaf in jax.tree.leaves(found) if leaf.dtype == jnp.float32
         ]
 
-    @jit_quickly
+    @jit_marked
     def slopes(state: TrafficState, direction: LaneChangeModel) -> list[jax.Array]:
         return jax.jvp(lambda one: numbers(one, state), (model,), (direction,))[1]
 

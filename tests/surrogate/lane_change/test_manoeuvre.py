@@ -13,7 +13,7 @@ from surrogate.loop.step import initial_state, settle_lanes
 from surrogate.loop.world import Clock, World
 from surrogate.road.traffic_state import TrafficState
 from surrogate.vehicle.lane_change_model import STAY
-from tests.jit_quickly import jit_quickly
+from tests.jit_marked import jit_marked
 
 LENGTH_M = 4.8  # of all vehicles of the corridor
 CAPACITY = 288
@@ -29,7 +29,7 @@ def world(corridor_world: Callable[..., World]) -> World:
 
 @pytest.fixture(scope="module")
 def states(world: World) -> list[TrafficState]:
-    @jit_quickly
+    @jit_marked
     def advance(state: TrafficState, world: World) -> TrafficState:
         return move_on(settle_lanes(state, world, SLOW), world, SLOW.step_s, SLOW.steps_per_decision)
 

@@ -20,7 +20,7 @@ from surrogate.loop.world import World
 from surrogate.road.traffic_state import TrafficState
 from surrogate.vehicle.lane_change_model import LaneChangeModel, Reason
 from surrogate.vehicle.vehicle_class import VehicleClass
-from tests.jit_quickly import jit_quickly
+from tests.jit_marked import jit_marked
 from tests.surrogate.lane_change.lane_scene import lane_scene
 
 STEP_S = 0.1
@@ -219,7 +219,7 @@ def test_each_class_decides_by_its_own_model(
     lc2013 = corridor_world(19, 42.0, main=3300.0, on1=620.0)
     reluctant = mobil(changing_threshold_mps2=50.0)
     worlds = (lc2013, mixed_world, with_lane_change(lc2013, (reluctant, None)))
-    found = jit_quickly(lambda s, w: decide(VehiclesOnRoad(s.vehicles, w.road, s.head), w.classes, 1.0, STEP_S))
+    found = jit_marked(lambda s, w: decide(VehiclesOnRoad(s.vehicles, w.road, s.head), w.classes, 1.0, STEP_S))
     num_different, num_free = 0, 0
     for state in states[60:150:10]:
         ours, mixed, strategic = (found(state, world) for world in worlds)

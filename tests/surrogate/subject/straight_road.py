@@ -20,7 +20,7 @@ from surrogate.subject.registry import SubjectModel
 from surrogate.subject.view import SubjectView, look_around
 from surrogate.vehicle.lane_change_model import STAY
 from surrogate.vehicle.vehicle_class import VehicleClass
-from tests.jit_quickly import jit_quickly
+from tests.jit_marked import jit_marked
 
 STEP_S, STEPS_PER_PLAN = 0.1, 10
 LIMIT_MPS, LENGTH_M = 21.0, 4.6
@@ -102,7 +102,7 @@ def seen(road: Road, vehicles: VehicleArrays, head: jax.Array, model: SubjectMod
 TRACED: list[SubjectView] = []  # each view with which planning was traced
 
 
-@jit_quickly
+@jit_marked
 def _plan(planner: Planner, view: SubjectView) -> Plan:
     TRACED.append(view)
     return plan(planner, view, STEP_S * STEPS_PER_PLAN)
@@ -216,7 +216,7 @@ def _second(
     return (rows[s], positions[s], speeds[s], float(vehicles.acceleration_mps2[s])), others
 
 
-@jit_quickly
+@jit_marked
 def _move_on(
     vehicles: VehicleArrays, head: jax.Array, road: Road, classes: tuple[VehicleClass, ...], held: jax.Array
 ) -> VehicleArrays:

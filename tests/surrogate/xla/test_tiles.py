@@ -17,7 +17,7 @@ from surrogate.loop.world import Clock, World
 from surrogate.road.traffic_state import TrafficState
 from surrogate.xla import tiles
 from surrogate.xla.tiles import Chosen, Tile, all_tiles, for_each_tile, over_tiles, tiles_for
-from tests.jit_quickly import jit_quickly
+from tests.jit_marked import jit_marked
 
 CLOCK = Clock(step_s=0.1, steps_per_decision=10)
 # One, two, three and four tiles, full and with a rest. Each length is a program of its own, so they are few.
@@ -96,13 +96,13 @@ def test_a_run_is_the_same_whatever_the_tiles(
 
     monkeypatch.setattr(tiles, "LARGEST_TILE", num_entries)
     monkeypatch.setattr(negotiation, "URGENT_TILE", num_entries)
-    of_whole = jit_quickly(lambda state, world: on(state, world, 1))(state, world)
+    of_whole = jit_marked(lambda state, world: on(state, world, 1))(state, world)
     monkeypatch.setattr(tiles, "LARGEST_TILE", 48)
     monkeypatch.setattr(negotiation, "URGENT_TILE", 2)
     in_use = state.head[-1] + world.inflow.lane_row.size
     assert int(tiles_for(in_use, num_entries)) < all_tiles(num_entries)
     num_tiles = tiles_for(in_use, num_entries)
-    of_tiles = jit_quickly(lambda state, world: on(state, world, num_tiles))(state, world)
+    of_tiles = jit_marked(lambda state, world: on(state, world, num_tiles))(state, world)
 
     def without_nobodys_memories(state: TrafficState) -> TrafficState:
         kept = jax.tree.map(lambda leaf: leaf[: int(state.head[-1])], state.vehicles.personal)
@@ -122,8 +122,8 @@ def test_a_traced_number_of_steps_needs_a_bound(
     state = drive_on(world, 40)[-1]
     with pytest.raises(ValueError, match="most_steps"):
         jax.jit(lambda steps: move_on(state, world, CLOCK.step_s, steps))(3)
-    up_to_8 = jit_quickly(lambda state, world, steps: move_on(state, world, CLOCK.step_s, steps, most_steps=8))
+    up_to_8 = jit_marked(lambda state, world, steps: move_on(state, world, CLOCK.step_s, steps, most_steps=8))
     few = up_to_8(state, world, 3)
-    same = jit_quickly(lambda state, world: move_on(state, world, CLOCK.step_s, 3))(state, world)
+    same = jit_marked(lambda state, world: move_on(state, world, CLOCK.step_s, 3))(state, world)
     assert int(few.step) == int(same.step) == int(state.step) + 3
     np.testing.assert_allclose(few.vehicles.position_m, same.vehicles.position_m, rtol=1e-6)

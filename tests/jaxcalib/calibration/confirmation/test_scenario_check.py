@@ -1,7 +1,6 @@
 """SUMO runs the scenario as it is before anything is searched, in a run that is needed anyway."""
 
 import json
-import shutil
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import SimpleNamespace
@@ -20,6 +19,7 @@ from jaxcalib.runs.journal import Journal, JournaledSumo
 from jaxcalib.runs.seeds import FINAL_SEEDS
 from jaxcalib.runs.session import open_session
 from sim_adapters.interface import RunOutcome, RunRequest, Status
+from tests.copies import copy_corridor
 from tests.places import CORRIDOR
 
 FIRST_SEED = 3_000_000
@@ -91,7 +91,7 @@ def test_the_run_is_one_of_those_for_the_errors_before_calibration(problem: Cali
 @pytest.fixture
 def broken(tmp_path: Path) -> Path:
     """A case that only SUMO finds fault with, when the subject vehicle comes."""
-    case = Path(shutil.copytree(CORRIDOR, tmp_path / "case"))
+    case = copy_corridor(tmp_path / "case", "d01", "d03")
     demand = case / "scenario" / "demand.rou.xml"
     demand.write_text(demand.read_text().replace('id="ego"', 'id="ego" departPosLat="nowhere"', 1))
     return case
