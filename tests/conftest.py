@@ -41,13 +41,14 @@ IS_OURS = FOLDER not in os.environ  # workers inherit the folder of the process 
 # Programs are kept from one call of the tests to the next, too, as the command line keeps them: found by what they are
 # made from, so that what has changed is traced and compiled anew.
 os.environ.setdefault(PROGRAMS, str(ROOT / ".pytest_cache" / "programs"))
-# Most programs of tests are run a few times: so they are made in a third of the time, and take twice as long. What they
-# compute is the same but for rounding. Processes that a test starts inherit that; some take programs as users do, see
-# `as_users_do`.
+# Most programs of tests are run a few times: so they are made in a third of the time, and run for twice as long. What
+# they compute is the same but for rounding. Processes that a test starts inherit that. Where bits count, tests take
+# programs as users do: `as_users_do`, `programs_as_users_do`. Flags that are given come last, and count.
 QUICKLY = ("--xla_backend_optimization_level=0", "--xla_cpu_use_fusion_emitters=false")
+AS_USUAL = {"xla_backend_optimization_level": 3, "xla_cpu_use_fusion_emitters": True}
 GIVEN_FLAGS = os.environ.setdefault(GIVEN, os.environ.get("XLA_FLAGS", ""))
-os.environ["XLA_FLAGS"] = " ".join([GIVEN_FLAGS, *QUICKLY]).strip()
-# As many devices as commands on a worker's core say that there are: a program's name depends on it, and tests and the
+os.environ["XLA_FLAGS"] = " ".join([*QUICKLY, GIVEN_FLAGS]).strip()
+# As many devices as commands on a worker's core say that there are: a program's name depends on it, and tests and most
 # processes that they start have some programs in common.
 os.environ.setdefault("JAX_NUM_CPU_DEVICES", "1")
 keep_compiled_programs()
@@ -242,6 +243,22 @@ def drive_on() -> Callable[["World", int], list["TrafficState"]]:
 def as_users_do() -> dict[str, str]:
     """Return the environment of a process whose programs the compiler makes as it does for users."""
     return os.environ | {"XLA_FLAGS": GIVEN_FLAGS}
+
+
+@pytest.fixture(scope="module")
+def programs_as_users_do() -> Iterator[None]:
+    """Programs of this process are made as for users, where bits count: at the lowest level no loop is vectorised.
+
+    Nobody else finds them, for a kept program's name does not tell them apart.
+    """
+    from jaxcalib.problem import engines
+    from sim_adapters.jax import batch_program
+    from surrogate.xla.materialise import compiler_options
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(batch_program, "compiler_options", lambda: compiler_options() | AS_USUAL)
+        patch.setattr(engines, "program_store", lambda: None)
+        yield
 
 
 @pytest.fixture(scope="session")

@@ -12,7 +12,12 @@ def copy_corridor(folder: Path, *drives: str) -> Path:
 
     Reading and measuring a drive takes a third of a second.
     """
-    shutil.copytree(CORRIDOR, folder)
+    logs = tuple(f"{drive}_" for drive in drives)
+
+    def others(place: str, names: list[str]) -> list[str]:
+        return [name for name in names if Path(place).name == "field" and not name.startswith(logs)]
+
+    shutil.copytree(CORRIDOR, folder, ignore=others)
     case = folder / "case.toml"
     head, *tables = re.split(r"(?=\[\[drive\]\])", case.read_text())
     chosen = [table for table in tables if any(f'"{drive}"' in table for drive in drives)]

@@ -1,4 +1,4 @@
-"""Programs of functions that hold marks of `materialise`, which some passes of the compiler do not survive."""
+"""Programs of functions with marks of `materialise`, made without the passes that drop them or fail on them."""
 
 from collections.abc import Callable
 from typing import Any

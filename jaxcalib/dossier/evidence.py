@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from jaxcalib.case.case_file import CHECK_PAGE
 from jaxcalib.errors import CaseError, quote
 from jaxcalib.problem.problem import CalibrationProblem, read_problem
 from jaxcalib.runs.run_folder import IDENTITY_FILE, files_elsewhere, read_identity
@@ -129,6 +130,7 @@ def _hashes(problem: CalibrationProblem, run: Path, quoted: Sequence[Path]) -> M
     """Return hashes by path: of all that the case consists of, of what RUN holds, and of what is quoted."""
     case = problem.case.folder
     own = [file for file in case.rglob("*") if file.is_file() and not _is_hidden(file.relative_to(case))]
+    own = [file for file in own if file != case / CHECK_PAGE]
     handed_over = [file for file in (run / SCENARIO).rglob("*") if file.is_file()]
     made = [file for file in (run / RESULT, run / IDENTITY_FILE) if file.is_file()]
     named = {_told(file, case, run): file for file in [*own, *files_elsewhere(problem.case), *made, *handed_over]}

@@ -16,7 +16,7 @@ PLAN: Any = Budget(8, 16, 16, 64, 32, 5, 2, 64, 2, 2, 3)
 PROBLEM: Any = SimpleNamespace(layout=SimpleNamespace(names=("main", "tau", "accel")), departs_s=lambda role: (300.0,))
 A_POLISH = (len(PROBLEM.layout.names) + 6) * PLAN.polish_runs
 MAPPING = PLAN.most_mappings * 2 * PLAN.confirmation_runs  # two finalists a step
-POLISHING = PLAN.most_polishes * A_POLISH
+POLISHING = PLAN.most_polishes * A_POLISH + PLAN.confirmation_runs
 
 
 class Planned(Silent):
@@ -30,12 +30,16 @@ class Planned(Silent):
         self._done.append(num_sumo_runs - PLAN.num_sumo_runs)
 
 
-def went_on(patch: pytest.MonkeyPatch, *, agrees: bool, beyond_noise: bool, may_leave: bool) -> tuple[list, list]:
+def went_on(
+    patch: pytest.MonkeyPatch, *, agrees: bool, beyond_noise: bool, may_leave: bool, takes_steps: bool = True
+) -> tuple[list, list]:
     """Return what was done after the confirmation, SUMO's further runs among it, and which points are on record."""
     done: list[str] = []
 
     def step(name: str) -> Any:
-        return lambda *args, **options: done.append(name) or SimpleNamespace(after=name)
+        return lambda *args, **options: (
+            done.append(name) or SimpleNamespace(after=name, went_on_by=[name] * takes_steps)
+        )
 
     def compared(problem: Any, confirmation: Any, where: str) -> Any:
         return SimpleNamespace(where=where, of=confirmation.after, holds=agrees)
@@ -74,6 +78,12 @@ def test_one_that_does_not_is_mapped_and_what_failed_stays_on_record(monkeypatch
     done, compared = went_on(monkeypatch, agrees=False, beyond_noise=False, may_leave=True)
     assert done == [MAPPING, "mapping"]
     assert compared == [FOUND, ("at the values found with SUMO", "mapping")]
+
+
+def test_where_no_step_is_taken_there_is_nothing_to_compare_again(monkeypatch: pytest.MonkeyPatch):
+    done, compared = went_on(monkeypatch, agrees=False, beyond_noise=False, may_leave=True, takes_steps=False)
+    assert done == [MAPPING, "mapping"]
+    assert compared == [FOUND]
 
 
 def test_sumo_polishes_while_noise_explains_less_than_remains(monkeypatch: pytest.MonkeyPatch):

@@ -52,6 +52,7 @@ def out(
     on_all_cores: Callable[[], AbstractContextManager[None]],
     as_users_do: dict[str, str],
 ) -> Path:
+    """A whole calibration by programs as users have them."""
     folder = tmp_path_factory.mktemp("calibration") / "run"
     command = [sys.executable, "-m", "jaxcalib", "calibrate", str(case), "--out", str(folder), "--budget", BUDGET]
     with on_all_cores():

@@ -330,11 +330,12 @@ def test_a_case_below_a_hidden_folder_is_hashed_all_the_same_and_hidden_files_of
     case = tmp_path / ".work" / "case"
     shutil.copytree(CORRIDOR, case)
     (case / ".note").write_text("nobody's")
+    (case / "check.html").write_text("a check's")
     run = run_with(tmp_path / ".work" / "run", result=result_of(problem))
     (table,) = [t for t in write_dossier(case, run).sections[-1].tables if t.title == "Files"]
     names = [row[0] for row in table.rows]
     assert {"CASE/case.toml", "CASE/scenario/net.net.xml", "RUN/result.json"} <= set(names)
-    assert "CASE/.note" not in names
+    assert not {"CASE/.note", "CASE/check.html"} & set(names)
 
 
 @pytest.mark.parametrize("verdict", ["miscalibrated", "no_gap", "not_testable"])

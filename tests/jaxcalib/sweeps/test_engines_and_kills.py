@@ -44,7 +44,7 @@ def test_killed_at_any_moment_a_sweep_ends_as_if_nothing_had_been(small_case: Pa
 
 
 @pytest.mark.long
-@pytest.mark.usefixtures("small_surrogate")  # one of two programs
+@pytest.mark.usefixtures("programs_as_users_do")
 def test_a_run_of_the_surrogate_does_not_depend_on_what_else_is_run(small_problem: CalibrationProblem):
     """Dense candidates need twice the room of the rest; whoever is run beside or after them gets the same bits."""
     problem = small_problem

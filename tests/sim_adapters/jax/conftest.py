@@ -9,6 +9,11 @@ if TYPE_CHECKING:
     from sim_adapters.world.world_builder import WorldTemplate
 
 
+@pytest.fixture(scope="module", autouse=True)
+def _as_users_do(programs_as_users_do: None) -> None:
+    """Many of these tests compare bits, and share programs with the others."""
+
+
 @pytest.fixture(scope="session")
 def simulator(template: "WorldTemplate") -> "JaxSimulator":
     from tests.sim_adapters.jax.frame_trace import corridor_engine

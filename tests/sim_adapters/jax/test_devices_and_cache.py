@@ -10,7 +10,6 @@ from typing import Any
 
 import pytest
 
-from sim_adapters.jax.simulator import JaxSimulator
 from tests.places import ROOT
 
 pytestmark = pytest.mark.long
@@ -23,10 +22,10 @@ Simulate = Callable[..., dict[str, Any]]
 
 
 @pytest.fixture(scope="module")
-def simulate(small_case: Path, tmp_path_factory: pytest.TempPathFactory) -> Simulate:
+def simulate(small_case: Path, tmp_path_factory: pytest.TempPathFactory, as_users_do: dict[str, str]) -> Simulate:
     """Return what simulates on so many devices: with a cache that is empty at first, or with that of all tests."""
     folder = tmp_path_factory.mktemp("devices")
-    environment = {name: value for name, value in os.environ.items() if not name.startswith(("JAX_", "XLA_"))}
+    environment = {name: value for name, value in as_users_do.items() if not name.startswith("JAX_")}
     environment["PYTHONPATH"] = str(ROOT)
 
     def run(num_devices: int, cache: str = str(folder / "cache")) -> dict[str, Any]:
@@ -39,10 +38,11 @@ def simulate(small_case: Path, tmp_path_factory: pytest.TempPathFactory) -> Simu
 
 
 @pytest.fixture(scope="module")
-def on_one_device(simulate: Simulate, small_surrogate: JaxSimulator) -> dict[str, Any]:
-    """Runs with the program of the engine that other tests use, too."""
-    assert small_surrogate.batch == RUNS_PER_DEVICE
-    return simulate(1, os.environ["JAXCALIB_CACHE"])
+def on_one_device(simulate: Simulate) -> dict[str, Any]:
+    """Runs with a program that is kept from one call of the tests to the next."""
+    told = simulate(1, os.environ["JAXCALIB_CACHE"])
+    assert told["batch"] == RUNS_PER_DEVICE
+    return told
 
 
 @pytest.fixture(scope="module")

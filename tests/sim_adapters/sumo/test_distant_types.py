@@ -1,7 +1,5 @@
 """SUMO's vehicles beyond the sensors' range follow by another vType."""
 
-import re
-import shutil
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -13,6 +11,7 @@ from jaxcalib.problem.engines import sumo_engine, surrogate_engine
 from jaxcalib.problem.problem import CalibrationProblem, read_problem
 from sim_adapters.interface import RunOutcome, RunRequest
 from sim_adapters.sumo.distant import DistantTypes, TypeSwitch
+from tests.copies import copy_corridor
 
 ALIKE = 'id="far" vClass="passenger" length="4.8" carFollowModel="IDM" accel="2.6" decel="4.5" tau="1.0" minGap="2.5" '
 ALIKE += 'delta="4" speedFactor="1.0" speedDev="0.1"'
@@ -74,15 +73,13 @@ def test_types_follow_the_distance_at_decisions() -> None:
     assert [sumo.vtype[name] for name in ("near", "ahead", "behind")] == ["far", "car", "far"]
 
 
-def problem_with(far: str | None, corridor_folder: Path, folder: Path) -> CalibrationProblem:
+def problem_with(far: str | None, folder: Path) -> CalibrationProblem:
     """Return the corridor, in which distant vehicles may be of a vType of their own."""
-    shutil.copytree(corridor_folder, folder)
+    copy_corridor(folder, "d01", "d02")
     case, demand = folder / "case.toml", folder / "scenario/demand.rou.xml"
-    head, *drives = re.split(r"(?=\[\[drive\]\])", case.read_text())
     if far is not None:
-        head = head.replace("[behaviour]", '[behaviour]\ndistant_vtypes = { car = "far" }')
+        case.write_text(case.read_text().replace("[behaviour]", '[behaviour]\ndistant_vtypes = { car = "far" }'))
         demand.write_text(demand.read_text().replace("<vType id=", f"<vType {far}/>\n<vType id=", 1))
-    case.write_text(head + "".join(drives[:2]))
     return read_problem(folder)
 
 
@@ -93,10 +90,10 @@ def in_sumo(problem: CalibrationProblem) -> RunOutcome:
 
 
 @pytest.mark.long
-def test_distant_vehicles_drive_as_they_are_told_in_both_simulators(corridor_folder: Path, tmp_path: Path) -> None:
-    plain = problem_with(None, corridor_folder, tmp_path / "plain")
-    alike = problem_with(ALIKE, corridor_folder, tmp_path / "alike")
-    careful = problem_with(CAREFUL, corridor_folder, tmp_path / "careful")
+def test_distant_vehicles_drive_as_they_are_told_in_both_simulators(tmp_path: Path) -> None:
+    plain = problem_with(None, tmp_path / "plain")
+    alike = problem_with(ALIKE, tmp_path / "alike")
+    careful = problem_with(CAREFUL, tmp_path / "careful")
     one, same, other = in_sumo(plain), in_sumo(alike), in_sumo(careful)
     assert one.observed is not None
     np.testing.assert_array_equal(one.observed, same.observed)  # to the bit: to change over disturbs nobody
@@ -115,6 +112,6 @@ def test_distant_vehicles_drive_as_they_are_told_in_both_simulators(corridor_fol
     assert steps > 1.2 * one.num_vehicle_steps
 
 
-def test_a_distant_vtype_that_cannot_be_is_refused(corridor_folder: Path, tmp_path: Path) -> None:
+def test_a_distant_vtype_that_cannot_be_is_refused(tmp_path: Path) -> None:
     with pytest.raises(CaseError, match="length"):
-        problem_with(ALIKE.replace("4.8", "7.1"), corridor_folder, tmp_path / "longer")
+        problem_with(ALIKE.replace("4.8", "7.1"), tmp_path / "longer")

@@ -1,7 +1,6 @@
 """The surrogate of the trials is that of the calibration, but for room and observer."""
 
 import re
-import shutil
 from pathlib import Path
 from typing import Any, cast
 
@@ -12,15 +11,14 @@ from jaxcalib.diagnosis.features.frame_recorder import FrameRecorder
 from jaxcalib.diagnosis.runs.trial_engine import trial_runner
 from jaxcalib.problem import engines
 from jaxcalib.problem.problem import read_problem
-
-CASE = Path(__file__).resolve().parents[4] / "experiments" / "cases" / "corridor"
+from tests.copies import copy_corridor
 
 
 @pytest.mark.parametrize("changing_s", [0.0, 2.6])
 def test_trials_change_lane_as_slowly_as_the_scenario_says(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, changing_s: float
 ):
-    case = Path(shutil.copytree(CASE, tmp_path / "corridor"))
+    case = copy_corridor(tmp_path / "corridor", "d01", "d03")
     (configuration,) = (case / "scenario").glob("*.sumocfg")
     option = f'<processing><lanechange.duration value="{changing_s}"/>'
     configuration.write_text(re.sub("<processing>", option, configuration.read_text()))
