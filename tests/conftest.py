@@ -45,7 +45,6 @@ os.environ.setdefault(PROGRAMS, str(ROOT / ".pytest_cache" / "programs"))
 # they compute is the same but for rounding. Processes that a test starts inherit that. Where bits count, tests take
 # programs as users do: `as_users_do`, `programs_as_users_do`. Flags that are given come last, and count.
 QUICKLY = ("--xla_backend_optimization_level=0", "--xla_cpu_use_fusion_emitters=false")
-AS_USUAL = {"xla_backend_optimization_level": 3, "xla_cpu_use_fusion_emitters": True}
 GIVEN_FLAGS = os.environ.setdefault(GIVEN, os.environ.get("XLA_FLAGS", ""))
 os.environ["XLA_FLAGS"] = " ".join([*QUICKLY, GIVEN_FLAGS]).strip()
 # As many devices as commands on a worker's core say that there are: a program's name depends on it, and tests and most
@@ -254,6 +253,7 @@ def programs_as_users_do() -> Iterator[None]:
     from jaxcalib.problem import engines
     from sim_adapters.jax import batch_program
     from surrogate.xla.materialise import compiler_options
+    from tests.jit_marked import AS_USUAL
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(batch_program, "compiler_options", lambda: compiler_options() | AS_USUAL)

@@ -1,4 +1,4 @@
-"""Programs of functions with marks of `materialise`, made without the passes that drop them or fail on them."""
+"""Programs of tests' own: with marks of `materialise`, without the passes that drop them or fail on them."""
 
 from collections.abc import Callable
 from typing import Any
@@ -6,6 +6,14 @@ from typing import Any
 import jax
 
 from surrogate.xla.materialise import FOR_PROCESSORS
+
+# As the compiler does unless it is told otherwise, which tests tell it (`tests/conftest.py`).
+AS_USUAL = {"xla_backend_optimization_level": 3, "xla_cpu_use_fusion_emitters": True}
+
+
+def jit_as_usual(function: Callable[..., Any]) -> Any:
+    """Return the compiled function as a user's process makes it, for tests that compare bits."""
+    return jax.jit(function, compiler_options=FOR_PROCESSORS | AS_USUAL)
 
 
 def jit_marked(function: Callable[..., Any], **how: Any) -> Any:
