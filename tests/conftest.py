@@ -253,10 +253,10 @@ def programs_as_users_do() -> Iterator[None]:
     from jaxcalib.problem import engines
     from sim_adapters.jax import batch_program
     from surrogate.xla.materialise import compiler_options
-    from tests.jit_marked import AS_USUAL
+    from tests.jit_marked import AS_USERS_DO
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(batch_program, "compiler_options", lambda: compiler_options() | AS_USUAL)
+        patch.setattr(batch_program, "compiler_options", lambda: compiler_options() | AS_USERS_DO)
         patch.setattr(engines, "program_store", lambda: None)
         yield
 

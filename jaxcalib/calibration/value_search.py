@@ -119,8 +119,8 @@ def search_values(
                 if leaves_more_than_noise(confirmation):
                     in_sumo_plan = in_sumo_alone(plan, problem, plan.scale)
                     polishing = in_sumo_plan.most_polishes * runs_of_polish(in_sumo_plan, problem)
-                    polishing += plan.confirmation_runs
-                    session.progress.plan(going_on.num_surrogate_runs, going_on.num_sumo_runs + polishing)
+                    num_sumo_runs = going_on.num_sumo_runs + polishing + plan.confirmation_runs
+                    session.progress.plan(going_on.num_surrogate_runs, num_sumo_runs)
                     confirmation = search_on_in_sumo(confirmation, found, in_sumo, finals, in_sumo_plan)
                 if confirmation.went_on_by:
                     agreements.append(_agreement_of_result(problem, confirmation, "at the values found with SUMO"))

@@ -10,10 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from jaxcalib.case.case_file import CHECK_PAGE
 from jaxcalib.errors import CaseError, quote
 from jaxcalib.problem.problem import CalibrationProblem, read_problem
-from jaxcalib.runs.run_folder import IDENTITY_FILE, files_elsewhere, read_identity
+from jaxcalib.runs.run_folder import IDENTITY_FILE, files_elsewhere, files_within, read_identity
 from jaxcalib.validation.calibrated_run import SAME, CalibratedRun, read_calibrated_run
 
 FORMAT = 1
@@ -129,8 +128,7 @@ def _check_diagnosis(file: Path, identity: Mapping[str, Any]) -> list[str]:
 def _hashes(problem: CalibrationProblem, run: Path, quoted: Sequence[Path]) -> Mapping[str, str]:
     """Return hashes by path: of all that the case consists of, of what RUN holds, and of what is quoted."""
     case = problem.case.folder
-    own = [file for file in case.rglob("*") if file.is_file() and not _is_hidden(file.relative_to(case))]
-    own = [file for file in own if file != case / CHECK_PAGE]
+    own = [file for file in files_within(problem.case) if not _is_hidden(file.relative_to(case))]
     handed_over = [file for file in (run / SCENARIO).rglob("*") if file.is_file()]
     made = [file for file in (run / RESULT, run / IDENTITY_FILE) if file.is_file()]
     named = {_told(file, case, run): file for file in [*own, *files_elsewhere(problem.case), *made, *handed_over]}

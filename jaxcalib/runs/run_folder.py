@@ -3,7 +3,7 @@
 import hashlib
 import json
 import platform
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -88,11 +88,10 @@ def open_run_folder(path: Path, identity: dict[str, str], resume: bool) -> RunFo
 def identify(case: Case, options: dict[str, Any], more_packages: Sequence[Path] = ()) -> dict[str, str]:
     """Return digests of all that runs depend on: the case's files, the options, the program with its libraries.
 
-    The page of a check lies in the case's folder, but is no part of it: a check must not keep a run from going on.
     More packages are folders of code above this one that runs depend on, too.
     """
     files = hashlib.sha256()
-    _add_files(files, case.folder, "*", without=CHECK_PAGE)
+    _add_files(files, case.folder, files_within(case))
     for file in files_elsewhere(case):
         files.update(hashlib.sha256(file.read_bytes()).digest())
     return {
@@ -108,10 +107,15 @@ def identify_program(more_packages: Sequence[Path] = ()) -> str:
     below = (Path(p) for package in (sim_adapters, surrogate) for p in package.__path__)
     own = (Path(__file__).parents[1], *below)
     for package in (*own, *more_packages):
-        _add_files(program, package, "*.py")
+        _add_files(program, package, package.rglob("*.py"))
     versions = [f"{name} {metadata.version(name)}" for name in LIBRARIES]
     program.update("\n".join([*versions, platform.python_version(), platform.machine()]).encode())
     return program.hexdigest()
+
+
+def files_within(case: Case) -> Iterator[Path]:
+    """Files in a case's folder, but for the page that a check draws there: it must not keep a run from going on."""
+    return (file for file in case.folder.rglob("*") if file.is_file() and file != case.folder / CHECK_PAGE)
 
 
 def files_elsewhere(case: Case) -> tuple[Path, ...]:
@@ -124,9 +128,9 @@ def files_elsewhere(case: Case) -> tuple[Path, ...]:
     return tuple(sorted({file.resolve() for file in named if not file.resolve().is_relative_to(case.folder)}))
 
 
-def _add_files(digest: Any, folder: Path, pattern: str, without: str | None = None) -> None:
-    for file in sorted(folder.rglob(pattern)):
-        if file.is_file() and "__pycache__" not in file.parts and str(file.relative_to(folder)) != without:
+def _add_files(digest: Any, folder: Path, files: Iterable[Path]) -> None:
+    for file in sorted(files):
+        if file.is_file() and "__pycache__" not in file.parts:
             digest.update(f"{file.relative_to(folder)}\0".encode())
             digest.update(hashlib.sha256(file.read_bytes()).digest())
 

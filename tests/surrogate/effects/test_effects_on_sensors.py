@@ -9,7 +9,7 @@ from surrogate.effects.apply import sense_drive
 from surrogate.effects.base import EffectSetting
 from surrogate.effects.lane_change_duration import LANE_CHANGE_DURATION, LANE_WIDTH_M
 from surrogate.road.perception import NO_TRACK, PerceptionFrame, in_order
-from tests.jit_marked import jit_as_usual
+from tests.jit_marked import jit_as_users_do
 from tests.surrogate.effects.effects_stage import SEED, effects_of, frame_of
 
 SPEEDS = {3: 17.0, 8: 22.5, 5: 19.0, 1: 25.0}
@@ -33,7 +33,7 @@ def drive(times_s: np.ndarray) -> PerceptionFrame:
 
 def sensed(frames: PerceptionFrame, **strengths: float) -> PerceptionFrame:
     settings = {name: EffectSetting(strength) for name, strength in strengths.items()}
-    return jax.device_get(jit_as_usual(sense_drive)(frames, effects_of(settings), jnp.asarray(SEED)))
+    return jax.device_get(jit_as_users_do(sense_drive)(frames, effects_of(settings), jnp.asarray(SEED)))
 
 
 TIMES_S = 40.0 + 0.5 * np.arange(30)
@@ -55,7 +55,7 @@ def test_a_drive_is_the_same_whatever_sensors_see_the_others_of_its_batch() -> N
     frames, several = drive(TIMES_S), [{}, {"sensor_latency": 0.55}, {"sensor_noise": 0.4}]
     settings = [effects_of({name: EffectSetting(strength) for name, strength in one.items()}) for one in several]
     stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves), *settings)
-    of_all = jit_as_usual(jax.vmap(sense_drive, (None, 0, None)))
+    of_all = jit_as_users_do(jax.vmap(sense_drive, (None, 0, None)))
     together = jax.device_get(of_all(frames, stacked, jnp.asarray(SEED)))
     for place, one in enumerate(several):
         mine, alone = jax.tree.map(lambda leaf, place=place: leaf[place], together), sensed(frames, **one)
