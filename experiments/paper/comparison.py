@@ -24,7 +24,8 @@ MEAN_UNDEFINED = "the paper does not say what is averaged: here the mean of the 
 )
 TIME_DIFFERS = (
     "the paper times VISSIM and does not say when its state of the art stops; here all searches run in the same "
-    "surrogate and are planned with as many runs, but the method as improved goes on with SUMO where that drives unlike it"
+    "surrogate and are planned with as many runs, but the method as improved goes on with SUMO where that drives "
+    "unlike it"
 )
 
 
