@@ -4,7 +4,7 @@ import enum
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -89,6 +89,16 @@ class ParameterLayout:
         return tuple(name for name, (_, own) in of_drivers if own == attribute)
 
 
+NO_DRIVE = -1  # a run that stands for no drive in particular
+
+
+class DriveStart(NamedTuple):
+    """When the subject vehicle departs, and in which of the recorded drives."""
+
+    depart_s: float
+    drive: int = NO_DRIVE  # its number in the case, where it differs from others that depart then
+
+
 @dataclass(frozen=True)
 class RunRequest:
     """One run to make.
@@ -100,6 +110,8 @@ class RunRequest:
         effects: unmodelled effects by name; only a simulator with effects can have any.
         also_depart_s: when further subject vehicles of the same run depart; requests that differ in nothing but which
             of its subject vehicles they ask for are answered by one run.
+        drive: number of the recorded drive that the run stands for: its subject vehicle is observed where that log is,
+            and repeats it if it is to repeat one. NO_DRIVE is observed on all of the route, and repeats the first.
     """
 
     values: tuple[float, ...]
@@ -107,6 +119,12 @@ class RunRequest:
     depart_s: float
     effects: Mapping[str, EffectSetting] = field(default_factory=dict)
     also_depart_s: tuple[float, ...] = ()
+    drive: int = NO_DRIVE
+
+    @property
+    def drive_start(self) -> DriveStart:
+        """When the subject vehicle departs, and in which drive."""
+        return DriveStart(self.depart_s, self.drive)
 
 
 @dataclass(frozen=True)

@@ -61,7 +61,7 @@ def accelerator(
         Also write the table to experiments/results.
     """
     problem = read_problem(case)
-    depart_s = problem.departs_s("fit")[0]
+    depart_s = problem.drive_starts("fit")[0].depart_s
     engine = RoomySurrogate(problem, SPARE_CAPACITY, batch)
     engine.engine(0).prepare()
     first_compile_s = engine.compile_s

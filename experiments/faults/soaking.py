@@ -34,14 +34,14 @@ def use(
     jax.monitoring.register_event_duration_secs_listener(
         lambda event, duration_secs, **kwargs: compiled.append(event) if event == COMPILED else None
     )
-    base, departs_s = problem.template.base_values(), problem.departs_s("fit")
+    base, starts = problem.template.base_values(), problem.drive_starts("fit")
     num_failed = num_before = 0
     for number in range(rounds):
         requests = []
         for place in range(size):
             values = base * (1.0 + SPREAD * chance.uniform(-1.0, 1.0, len(base)))
             requests.append(
-                RunRequest(tuple(map(float, values)), number * size + place, departs_s[place % len(departs_s)])
+                RunRequest(tuple(map(float, values)), number * size + place, starts[place % len(starts)].depart_s)
             )
         outcomes = run(requests)
         num_failed += sum(outcome.status is Status.FAILED for outcome in outcomes)

@@ -21,11 +21,11 @@ def insertion_table(problem: CalibrationProblem) -> list[dict[str, Any]]:
     The capacity of an input is what SUMO inserts where far more is scheduled, the others as in the scenario.
     """
     base = problem.template.base_values()
-    departs_s = problem.departs_s("fit")
-    surrogate = Evaluator(surrogate_engine(problem, SPARE_CAPACITY), departs_s, 0)
+    starts = problem.drive_starts("fit")
+    surrogate = Evaluator(surrogate_engine(problem, SPARE_CAPACITY), starts, 0)
     rows: list[dict[str, Any]] = []
     with sumo_engine(problem) as pool:
-        sumo = Evaluator(pool, departs_s, 0)
+        sumo = Evaluator(pool, starts, 0)
         num_runs = sumo.rounds_of(NUM_RUNS)
         for number, name in enumerate(problem.layout.input_ids):
             crowded = base.copy()

@@ -73,12 +73,12 @@ def compare_on_road(name: str, folder: Path, num_runs: int, decision_interval_s:
         decision_interval_s: time between two decisions of the surrogate about lanes.
     """
     problem = read_problem(write_road_case(name, folder))
-    inputs, departs_s = problem.layout.num_inputs, problem.departs_s("fit")
+    inputs, starts = problem.layout.num_inputs, problem.drive_starts("fit")
     values = np.stack([problem.template.base_values()] * len(DEMAND_FACTORS))
     values[:, :inputs] *= np.asarray(DEMAND_FACTORS)[:, None]
     values = round_values(values)
     engine = surrogate_engine(problem, SPARE_CAPACITY, 0.0, decision_interval_s=decision_interval_s)
-    ours = Evaluator(engine, departs_s, 0)
+    ours = Evaluator(engine, starts, 0)
     num_runs = ours.rounds_of(num_runs)
     theirs = _runs_in_sumo(problem, values, num_runs, folder / f"sumo_{num_runs}.npz")
     mine = _Runs.of(ours.evaluate(values, SURROGATE_RUNS_PER_SUMO_RUN * num_runs), 0.0)
@@ -109,7 +109,7 @@ class _Runs:
 def _runs_in_sumo(problem: CalibrationProblem, values: np.ndarray, num_runs: int, file: Path) -> _Runs:
     if not file.is_file():
         with sumo_engine(problem) as engine:
-            sumo = Evaluator(engine, problem.departs_s("fit"), 0, shares_runs=True)
+            sumo = Evaluator(engine, problem.drive_starts("fit"), 0, shares_runs=True)
             runs = _Runs.of(sumo.evaluate(values, num_runs), sumo.worth(num_runs))
         np.savez_compressed(file, **vars(runs))
     with np.load(file) as kept:

@@ -97,13 +97,13 @@ def run_cases(
     on_case: Callable[[], None],
 ) -> tuple[Evaluations, Evaluations]:
     """Run all cases in SUMO, at least as often as asked, and four times as often in the surrogate."""
-    departs_s = problem.departs_s("fit")
-    surrogate = Evaluator(surrogate_engine(problem, SPARE_CAPACITY), departs_s, 0)
+    starts = problem.drive_starts("fit")
+    surrogate = Evaluator(surrogate_engine(problem, SPARE_CAPACITY), starts, 0)
     one_round = surrogate.rounds_of(1)
     num_runs = math.ceil(num_runs / one_round) * one_round  # each drive equally often
     ours = surrogate.evaluate(values, SURROGATE_RUNS_PER_SUMO_RUN * num_runs)
     with sumo_engine(problem) as sumo:
-        evaluator = Evaluator(sumo, departs_s, 0)
+        evaluator = Evaluator(sumo, starts, 0)
         parts = []
         for row in values:
             parts.append(evaluator.evaluate(row[None], num_runs))

@@ -137,7 +137,7 @@ def _rows(seed: int, out: Path, budget: float | None) -> list[Row]:
 def _read_off(problem: CalibrationProblem, file: Path) -> dict[str, float]:
     """Inflows with which a calibration begins."""
     if not file.is_file():
-        surrogate = Evaluator(surrogate_engine(problem), problem.departs_s("fit"), 0)
+        surrogate = Evaluator(surrogate_engine(problem), problem.drive_starts("fit"), 0)
 
         def simulated(values: np.ndarray) -> np.ndarray:
             return successful_tallies(problem, surrogate, values, surrogate.rounds_of(NUM_RUNS))

@@ -41,15 +41,15 @@ def inflow_bound(problem: CalibrationProblem, truth: Float[np.ndarray, " paramet
         problem: whose drives to fit say how many there are and when they depart.
         truth: the field's parameter values.
     """
-    departs_s = problem.departs_s("fit")
-    evaluator = Evaluator(surrogate_engine(problem, SPARE_CAPACITY, 0.0), departs_s, 0)
+    starts = problem.drive_starts("fit")
+    evaluator = Evaluator(surrogate_engine(problem, SPARE_CAPACITY, 0.0), starts, 0)
     noise = _successful(evaluator, truth, NOISE_RUNS, 0)
     field = problem.field_of("fit")
     moments = observed_moments(all_moments(problem.measures, problem.tally_index), field, noise)
     inverse = np.linalg.inv(noise_covariance(moments, noise, moments.values(field.sum(axis=0))))
     first, second = (_slopes(problem, evaluator, moments, truth, SLOPE_SEEDS * (1 + half)) for half in range(2))
     # slopes of two halves: their noise is no information
-    information = 0.5 * (first.T @ inverse @ second + second.T @ inverse @ first) * len(departs_s)
+    information = 0.5 * (first.T @ inverse @ second + second.T @ inverse @ first) * len(starts)
     values, vectors = np.linalg.eigh(information)
     information = (vectors * np.maximum(values, 0.0)) @ vectors.T  # noise of slopes can make an eigenvalue negative
     one = np.ones(problem.layout.num_inputs)

@@ -48,7 +48,7 @@ def prepare_case(problem: CalibrationProblem) -> PreparedCase:
     engine = surrogate_engine(problem)
     initial = find_initial_point(problem, settings.scaling_factor, settings.bounds, 0)
     start = initial.space.unit_of(initial.values)
-    evaluator = Evaluator(engine, problem.departs_s("fit"), 0)
+    evaluator = Evaluator(engine, problem.drive_starts("fit"), 0)
     noise_runs = evaluator.rounds_of(budget.noise_runs)
     runs = evaluator.evaluate(initial.space.values_of(start[None]), noise_runs, NOISE_OFFSET).tally[0]
     objective = choose_objective(problem, settings, evidence_of(initial), runs[np.isfinite(runs).all(axis=1)])
@@ -66,7 +66,7 @@ class CaseProblem:
         """Keep what is shared."""
         self._prepared = prepared
         self._first_seed = (seed + 1) * SEEDS_PER_CALIBRATION  # those of seed 0 made the objective
-        evaluator = Evaluator(prepared.engine, prepared.problem.departs_s("fit"), self._first_seed)
+        evaluator = Evaluator(prepared.engine, prepared.problem.drive_starts("fit"), self._first_seed)
         self._run = SearchRun(evaluator, prepared.initial.space, prepared.objective)
         self.name = prepared.problem.case.name
         self.seed = seed
@@ -104,7 +104,7 @@ class CaseProblem:
         field = problem.field_of(role)
         if not len(field):
             return np.full(len(points), np.nan)
-        evaluator = Evaluator(prepared.engine, problem.departs_s(role), self._first_seed + FINAL_SEEDS[role])
+        evaluator = Evaluator(prepared.engine, problem.drive_starts(role), self._first_seed + FINAL_SEEDS[role])
         num_runs = evaluator.rounds_of(prepared.num_fresh_runs)
         unit = prepared.box.unit_of(points)
         pooled = evaluator.evaluate(space.values_of(unit), num_runs).pooled

@@ -27,13 +27,13 @@ def first_crash_free_draw(problem: CalibrationProblem, values_of: Callable[[int]
     Raises:
         CaseError: with each of `MOST_DRAWS` draws somebody does.
     """
-    departs_s = problem.departs_s("fit")
+    starts = problem.drive_starts("fit")
     with sumo_engine(problem) as sumo:
 
         def is_crash_free(values: np.ndarray) -> bool:
             requests = [
-                RunRequest(tuple(values.tolist()), FIRST_SEED + number, depart_s)
-                for number, depart_s in enumerate((departs_s[0], departs_s[-1]))
+                RunRequest(tuple(values.tolist()), FIRST_SEED + number, one.depart_s, drive=one.drive)
+                for number, one in enumerate((starts[0], starts[-1]))
             ]
             return all(map(_is_without_crash, sumo.run(requests)))
 

@@ -69,7 +69,7 @@ def run_influence(plan: InfluencePlan) -> str:
     with open_run_folder(plan.out, identify(problem.case, options), resume=True) as folder:
         initial = find_initial_point(problem, plan.settings.scaling_factor, plan.settings.bounds, plan.seed)
         engine = JournaledSurrogate(surrogate_engine(problem), folder.journal)
-        evaluator = Evaluator(engine, problem.departs_s("fit"), plan.seed * SEEDS_PER_CALIBRATION)
+        evaluator = Evaluator(engine, problem.drive_starts("fit"), plan.seed * SEEDS_PER_CALIBRATION)
         space, start = initial.space, initial.space.unit_of(initial.values)
         drivers = range(problem.layout.num_inputs, len(space.names))
         box = search_box(start, drivers, half_width_of(initial.unit_error))

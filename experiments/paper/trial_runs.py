@@ -155,7 +155,7 @@ def _state_of_the_art(problem: CalibrationProblem, session: Session, budget: flo
         thread.submit(engine.prepare).result()
     first_seed = session.first_seed + SEARCH_SEED
     evaluator = Evaluator(
-        JournaledSurrogate(engine, journal), problem.departs_s("fit"), first_seed, progress.surrogate_runs
+        JournaledSurrogate(engine, journal), problem.drive_starts("fit"), first_seed, progress.surrogate_runs
     )
     began, compiled_s = journal.clock(), engine.compile_s
     best = state_of_the_art.search(

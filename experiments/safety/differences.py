@@ -110,9 +110,9 @@ def _tallies(
     field: CalibrationProblem, values: Sequence[float], first_seed: int, rounds: int
 ) -> Float[np.ndarray, " tally"]:
     """Return the tallies of SUMO's runs of all departures, pooled; departures share runs where they may."""
-    departs_s = tuple(sorted({drive.depart_s for drive in field.case.drives}))
+    starts = sorted(set(field.drive_starts()))
     with sumo_engine(field) as sumo:
-        runs = Evaluator(sumo, departs_s, first_seed, shares_runs=field.template.can_share_runs)
-        evaluations = runs.evaluate(np.asarray(values, float)[None], rounds * len(departs_s))
+        runs = Evaluator(sumo, starts, first_seed, shares_runs=field.template.can_share_runs)
+        evaluations = runs.evaluate(np.asarray(values, float)[None], rounds * len(starts))
     tally = evaluations.tally[0]
     return tally[np.isfinite(tally).all(axis=1)].sum(axis=0)

@@ -79,7 +79,7 @@ def sumo_evaluator(problem: CalibrationProblem, sumo: JournaledSumo, session: Se
     """Return what evaluates candidates in SUMO on the drives to fit."""
     return Evaluator(
         sumo,
-        problem.departs_s("fit"),
+        problem.drive_starts("fit"),
         session.first_seed + seeds_from,
         session.progress.sumo_runs,
         shares_runs=problem.template.can_share_runs,
@@ -90,7 +90,7 @@ def surrogate_evaluator(problem: CalibrationProblem, engine: JaxSimulator, sessi
     """Return what evaluates candidates in the surrogate on the drives to fit."""
     return Evaluator(
         JournaledSurrogate(engine, session.journal),
-        problem.departs_s("fit"),
+        problem.drive_starts("fit"),
         session.first_seed + SEARCH_SEED,
         session.progress.surrogate_runs,
     )

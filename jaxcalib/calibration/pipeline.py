@@ -209,9 +209,9 @@ def surrogate_on_held_out(
     problem: CalibrationProblem, engine: JaxSimulator, searched: SearchedValues, plan: Budget, session: Session
 ) -> Evaluations | None:
     """Return the surrogate's runs of the result on held-out drives, if there are any: nothing is chosen by them."""
-    departs_s = problem.departs_s("held_out")
-    if not departs_s:
+    starts = problem.drive_starts("held_out")
+    if not starts:
         return None
     first_seed = session.first_seed + FINAL_SEEDS["held_out"]
-    evaluator = Evaluator(JournaledSurrogate(engine, session.journal), departs_s, first_seed)
+    evaluator = Evaluator(JournaledSurrogate(engine, session.journal), starts, first_seed)
     return evaluator.evaluate(searched.values[None], evaluator.rounds_of(plan.noise_runs))

@@ -38,9 +38,7 @@ def recorded_parts(drives: Sequence[Drive], logs: Sequence[DriveLog], scenario: 
         entry.position_m if is_given else 0.0,
     )
     recorded = tuple(
-        RecordedParts(
-            drive.depart_s, covered_parts_m(log, length_m, entry_m, drive.depart_s if enters_anywhere else None)
-        )
+        RecordedParts(covered_parts_m(log, length_m, entry_m, drive.depart_s if enters_anywhere else None))
         for drive, log in zip(drives, logs, strict=True)
     )
     return () if are_whole(recorded) else recorded

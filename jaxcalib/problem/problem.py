@@ -32,14 +32,12 @@ from jaxcalib.problem.problem_checks import (
     drive_faults,
     input_faults,
     model_faults,
-    parts_warnings,
     raise_first,
-    replay_warnings,
     vtype_warnings,
 )
 from sim_adapters.activity import Activity, doing
 from sim_adapters.errors import ScenarioError
-from sim_adapters.interface import ParameterLayout
+from sim_adapters.interface import NO_DRIVE, DriveStart, ParameterLayout
 from sim_adapters.scenario.scenario import Scenario
 from sim_adapters.scenario.sumo_names import nearest_model
 from sim_adapters.world.logged_drive import LoggedDrive, resample
@@ -102,9 +100,16 @@ class CalibrationProblem:
         """Car-following model of the background vehicles, or the nearest one that the surrogate has."""
         return nearest_model(self.parts.behaviour.car_following)
 
-    def departs_s(self, role: Role) -> tuple[float, ...]:
-        """Return when the subject vehicle departs in each drive of a role."""
-        return tuple(drive.depart_s for drive in self.case.drives_of(role))
+    def drive_starts(self, role: Role | None = None) -> tuple[DriveStart, ...]:
+        """Return when the subject vehicle departs in each drive of a role, or of all.
+
+        Drives that depart alike are told apart only where runs of them differ by more than chance.
+        """
+        return tuple(
+            DriveStart(drive.depart_s, number if self.template.tells_apart(number) else NO_DRIVE)
+            for number, drive in enumerate(self.case.drives)
+            if role in (None, drive.role)
+        )
 
     def field_of(self, role: Role) -> np.ndarray:
         """Return the tallies of the drives of a role, [drive, tally]."""
@@ -120,8 +125,6 @@ class CalibrationProblem:
                 "case.toml: behaviour.distant_vtypes: in plain SUMO nobody changes over, so not in RUN/scenario."
             )
         own += self.log_warnings
-        own += replay_warnings(self.case) if self.parts.subject.model.name == REPLAY else []
-        own += parts_warnings(self.case, self.template.recorded)
         own += departure_warnings(self.case, self.drives)
         own += one_sided_warnings(self.case, self.drives)
         own += coverage_warnings(self.template.recorded, self.drives, self.scenario.network.length_m)
@@ -213,7 +216,7 @@ def _logged_drives(
         columns = (subject.time_s, subject.position_m, subject.speed_mps, subject.row)
         time_s, position_m, speed_mps, row = (column[valid] for column in columns)
         try:
-            logged.append(resample(drive.depart_s, time_s, position_m, speed_mps, row, parts.scenario.step_s))
+            logged.append(resample(time_s, position_m, speed_mps, row, parts.scenario.step_s))
         except ValueError as error:
             raise CaseError(drive.subject_file, "", f"expected a drive that can be replayed: {error}") from None
     return tuple(logged)

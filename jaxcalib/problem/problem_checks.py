@@ -2,13 +2,12 @@
 
 from collections.abc import Sequence
 
-from jaxcalib.case.case import ROLES, Case, ScenarioParts
+from jaxcalib.case.case import Case, ScenarioParts
 from jaxcalib.case.case_file import FILE_NAME
 from jaxcalib.errors import CaseError, quote, shorten
 from jaxcalib.field.field_log import DriveLog
 from sim_adapters.interface import ParameterLayout
 from sim_adapters.scenario.scenario import Scenario
-from sim_adapters.world.recorded_parts import RecordedParts
 
 LEAST_STEP_S, MOST_STEP_S = 0.05, 1.0
 
@@ -119,34 +118,3 @@ def drive_faults(case: Case, drives: Sequence[DriveLog], is_seen: Sequence[bool]
         expected = "expected detected vehicles in one of the drives to fit at least; their tables have none to go by."
         faults.append(CaseError(to_fit[0].objects_file, "", expected))
     return faults
-
-
-def parts_warnings(case: Case, recorded: Sequence[RecordedParts]) -> list[str]:
-    """Return a line where a run for drives to fit may be observed where held-out ones were, or the other way round.
-
-    Args:
-        case: its drives.
-        recorded: what their logs cover; nothing where that is all of the route.
-    """
-    departs_s = [{drive.depart_s for drive in case.drives_of(role)} for role in ROLES]
-    shared_s = sorted(set.intersection(*departs_s))
-    differ = [at_s for at_s in shared_s if len({one.parts_m for one in recorded if one.depart_s == at_s}) > 1]
-    if not differ:
-        return []
-    when = ", ".join(f"{at_s:g}" for at_s in differ)
-    return [
-        f"case.toml: drives to fit and held-out ones that depart at {when} s cover different parts of the route, and a "
-        "run is observed on those of any of them. Let them depart at times of their own."
-    ]
-
-
-def replay_warnings(case: Case) -> list[str]:
-    """Return a line where a search may replay held-out drives: a run finds its drive by departure and seed alone."""
-    fit, held_out = ({drive.depart_s for drive in case.drives_of(role)} for role in ROLES)
-    if not fit & held_out:
-        return []
-    return [
-        "case.toml: drives to fit and held-out ones depart at the same time, and a replay takes any of them by the "
-        "run's seed: how the subject vehicle moved in held-out drives enters the search. Let them depart at times of "
-        "their own."
-    ]

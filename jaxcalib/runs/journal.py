@@ -14,7 +14,7 @@ import numpy as np
 
 from jaxcalib.runs.disk import checked_disk, writing_to_scratch
 from jaxcalib.runs.parts import Parts
-from sim_adapters.interface import ParameterLayout, RunOutcome, RunRequest, Status
+from sim_adapters.interface import NO_DRIVE, ParameterLayout, RunOutcome, RunRequest, Status
 from sim_adapters.jax.simulator import JaxSimulator
 from sim_adapters.sumo.simulator import SumoSimulator
 
@@ -159,12 +159,13 @@ def key_of(engine: str, request: RunRequest) -> str:
     text = f"{engine} {request.seed} {request.depart_s!r} " + " ".join(repr(float(value)) for value in request.values)
     text += "".join(f" {name} {setting!r}" for name, setting in sorted(request.effects.items()))
     text += f" also {sorted(request.also_depart_s)!r}" if request.also_depart_s else ""
+    text += f" drive {request.drive}" if request.drive != NO_DRIVE else ""
     return hashlib.sha256(text.encode()).hexdigest()
 
 
 def _load_columns(file: Path) -> dict[str, np.ndarray]:
     with np.load(file, allow_pickle=False) as part:
-        return {name: part[name] for name in (*COLUMNS, "values", "seed", "depart_s", "elapsed_s")}
+        return {name: part[name] for name in (*COLUMNS, "values", "seed", "depart_s", "drive", "elapsed_s")}
 
 
 def _part_of(keys: list[str], outcomes: Sequence[RunOutcome]) -> dict[str, np.ndarray]:
@@ -186,6 +187,7 @@ def _part_of(keys: list[str], outcomes: Sequence[RunOutcome]) -> dict[str, np.nd
         "values": np.asarray([outcome.request.values for outcome in outcomes], float),
         "seed": np.asarray([outcome.request.seed for outcome in outcomes]),
         "depart_s": np.asarray([outcome.request.depart_s for outcome in outcomes], float),
+        "drive": np.asarray([outcome.request.drive for outcome in outcomes], int),
     }
 
 
@@ -193,7 +195,10 @@ def _outcome_of(columns: dict[str, np.ndarray], row: int) -> RunOutcome:
     status = Status[str(columns["status"][row])]
     return RunOutcome(
         request=RunRequest(
-            tuple(columns["values"][row].tolist()), int(columns["seed"][row]), float(columns["depart_s"][row])
+            tuple(columns["values"][row].tolist()),
+            int(columns["seed"][row]),
+            float(columns["depart_s"][row]),
+            drive=int(columns["drive"][row]),
         ),
         status=status,
         observed=columns["observed"][row] if status.is_ok else None,

@@ -9,7 +9,7 @@ from jaxcalib.case.case_file import FILE_NAME
 from jaxcalib.errors import CaseError, shorten
 from jaxcalib.measures.measure import Measure
 from jaxcalib.problem.parameter_space import ParameterSpace
-from sim_adapters.interface import RunOutcome
+from sim_adapters.interface import NO_DRIVE, RunOutcome
 
 UNIT_SUFFIX = {"veh/h": "_vehph", "s": "_s", "m": "_m", "m/s": "_mps", "m/s2": "_mps2"}  # others have none
 OBSERVATIONS = "num_observations_"  # before the name of a measure
@@ -19,6 +19,7 @@ FIRST_COLUMNS = {
     "engine": (pa.dictionary(pa.int8(), pa.string()), "simulator: surrogate or sumo"),
     "seed": (pa.int64(), "seed of the run; the same seeds for every candidate"),
     "depart_s": (pa.float64(), "when the subject vehicle departs; runs take the drives' departures in turn"),
+    "drive": (pa.int32(), "number of its drive in the case, from 0, where that tells more than its departure"),
 }
 STATUS_COLUMNS = {
     "status": (pa.dictionary(pa.int8(), pa.string()), "OK, or why the run must not be used"),
@@ -76,6 +77,7 @@ def rows_of(
         "engine": [engine] * len(outcomes),
         "seed": [outcome.request.seed for outcome in outcomes],
         "depart_s": [outcome.request.depart_s for outcome in outcomes],
+        "drive": [None if outcome.request.drive == NO_DRIVE else outcome.request.drive for outcome in outcomes],
         "status": [outcome.status.name for outcome in outcomes],
         "num_collisions": [outcome.num_collisions for outcome in outcomes],
         "num_teleports": [outcome.num_teleports for outcome in outcomes],

@@ -55,7 +55,7 @@ def describe(
         "num_blocks": plan.num_blocks,
         "block_rows": plan.block_rows,
         "seeds": [plan.first_seed, plan.first_seed + plan.num_seeds - 1],
-        "departs_s": list(plan.departs_s),
+        "departs_s": [one.depart_s for one in plan.starts],
         "parameters": {
             name: {
                 "column": columns[name],

@@ -6,7 +6,7 @@ from typing import Literal
 
 from jaxcalib.errors import CaseError
 from jaxcalib.sweeps.design import Design
-from sim_adapters.interface import RunRequest
+from sim_adapters.interface import DriveStart, RunRequest
 
 Engine = Literal["surrogate", "sumo"]
 ENGINES: tuple[Engine, ...] = ("surrogate", "sumo")
@@ -50,7 +50,7 @@ class SweepPlan:
     design: Design  # parameter sets
     num_seeds: int  # runs of each
     first_seed: int  # seed of each candidate's first run; the next has the next
-    departs_s: tuple[float, ...]  # departures that the runs of a candidate take in turn
+    starts: tuple[DriveStart, ...]  # which the runs of a candidate take in turn
 
     @property
     def num_rows(self) -> int:
@@ -86,8 +86,10 @@ class SweepPlan:
     def _requests(self, block: int) -> Iterator[RunRequest]:
         for row in self.rows_of(block):
             candidate, number = divmod(row, self.num_seeds)
+            own = self.starts[number % len(self.starts)]
             yield RunRequest(
                 values=tuple(self.design.values[candidate].tolist()),
                 seed=self.first_seed + number,
-                depart_s=self.departs_s[number % len(self.departs_s)],
+                depart_s=own.depart_s,
+                drive=own.drive,
             )

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from jaxcalib.calibration.stages.evaluator import interleaved_departs_s
+from jaxcalib.calibration.stages.evaluator import interleaved
 from jaxcalib.problem.engines import prepare_devices
 from jaxcalib.problem.parameter_space import ParameterSpace, parameter_space, round_values
 from jaxcalib.problem.problem import CalibrationProblem, read_problem
@@ -64,7 +64,7 @@ def prepare_sweep(case: Path | str, options: SweepOptions) -> PreparedSweep:
         design=make_design(options.design, space, base, options.parameters, options.seed),
         num_seeds=options.seeds,
         first_seed=options.seed * SEEDS_PER_CALIBRATION,
-        departs_s=tuple(interleaved_departs_s(problem.departs_s("fit"))),
+        starts=tuple(interleaved(problem.drive_starts("fit"))),
     )
     schema = sweep_schema(space, problem.measures)
     return PreparedSweep(

@@ -8,18 +8,18 @@ from jaxcalib.calibration.stages.evaluator import AllRunsFailedError
 from jaxcalib.runs.seeds import VALIDATION_SEED
 from jaxcalib.validation.calibrated_run import CalibratedRun
 from jaxcalib.validation.prediction import FEWEST_ROUNDS
-from sim_adapters.interface import RunOutcome, RunRequest
+from sim_adapters.interface import DriveStart, RunOutcome, RunRequest
 
 
 def round_requests(
-    calibrated: CalibratedRun, departs_s: Sequence[float], seeds: int, after: int = 0
+    calibrated: CalibratedRun, starts: Sequence[DriveStart], seeds: int, after: int = 0
 ) -> list[RunRequest]:
     """Return the runs of all rounds: each drive once in each, no two with the same seed, after so many other seeds."""
     first = calibrated.first_seed + VALIDATION_SEED + after
     return [
-        RunRequest(calibrated.values, first + number * len(departs_s) + drive, depart_s)
+        RunRequest(calibrated.values, first + number * len(starts) + place, own.depart_s, drive=own.drive)
         for number in range(seeds)
-        for drive, depart_s in enumerate(departs_s)
+        for place, own in enumerate(starts)
     ]
 
 

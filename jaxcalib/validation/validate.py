@@ -104,8 +104,8 @@ def validate(
     prepare_devices(len(os.sched_getaffinity(0)))
     problem = read_problem(case)
     calibrated = read_calibrated_run(Path(run), problem)
-    role = drives or ("held_out" if problem.departs_s("held_out") else "fit")
-    if not problem.departs_s(role):
+    role = drives or ("held_out" if problem.drive_starts("held_out") else "fit")
+    if not problem.drive_starts(role):
         raise CaseError("command line", "--drives", f"expected a role that drives of the case have, got {role}.")
     counted = None if counts is None else read_counts(Path(counts), problem)
     within = read_margins(None if margins is None else Path(margins))
@@ -141,10 +141,10 @@ def _validate(
 ) -> ValidationResult:
     observer = DriveObserver(problem)
     logs = [drive for drive in problem.drives if drive.role == role]
-    requests = round_requests(calibrated, problem.departs_s(role), seeds)
+    requests = round_requests(calibrated, problem.drive_starts(role), seeds)
     count_requests = [] if counted is None else _count_requests(calibrated, requests, seeds)
     half_step_requests = (
-        round_requests(calibrated, problem.departs_s(role), seeds, len(requests) + seeds) if half_step else []
+        round_requests(calibrated, problem.drive_starts(role), seeds, len(requests) + seeds) if half_step else []
     )
     session.progress.plan(0, len(requests) + len(count_requests) + len(half_step_requests))
     session.progress.stage("validation")

@@ -28,6 +28,7 @@ class BatchInputs(eqx.Module):
     values: Any  # parameter vectors; all are arrays with a leading axis for runs, or the shapes of such
     seeds: Any
     departs_s: Any  # when the subject vehicle of each run departs; with a second axis where runs have several
+    drives: Any  # which recorded drive each stands for, by number
     settings: Any  # unmodelled effects, see `surrogate.effects.settings`; None for a simulator without any
 
 
@@ -130,6 +131,7 @@ class BatchProgram:
             values=jax.ShapeDtypeStruct((self.batch, len(self.template.layout.names)), jnp.float32),
             seeds=jax.ShapeDtypeStruct((self.batch,), jnp.int32),
             departs_s=jax.ShapeDtypeStruct(departs, jnp.float32),
+            drives=jax.ShapeDtypeStruct(departs, jnp.int32),
             settings=settings if self.has_effects else None,
         )
 
@@ -141,7 +143,7 @@ class BatchProgram:
         effects = None if inputs.settings is None else Effects(inputs.settings)
         axes = self.template.batch_axes(self.has_effects)
         build = jax.vmap(self.template.world, out_axes=axes)
-        return build(inputs.values, inputs.seeds, inputs.departs_s, effects), axes
+        return build(inputs.values, inputs.seeds, inputs.departs_s, effects, inputs.drives), axes
 
     def _at_start(self, inputs: BatchInputs, capacity: int) -> RunState:
         return at_start(*self._worlds(inputs), self.sensor, self.observer, self._plan(capacity))

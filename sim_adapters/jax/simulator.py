@@ -9,12 +9,12 @@ import numpy as np
 from jax.sharding import Mesh
 
 from sim_adapters.activity import Activity, doing
-from sim_adapters.interface import ParameterLayout, RunOutcome, RunRequest, Status
+from sim_adapters.interface import DriveStart, ParameterLayout, RunOutcome, RunRequest, Status
 from sim_adapters.jax.batch_program import BatchInputs, BatchProgram, CompiledBatch
 from sim_adapters.jax.outcome import outcome_of
 from sim_adapters.jax.program_store import ProgramStore
 from sim_adapters.jax.run_queue import Going, RunQueue
-from sim_adapters.shared_runs import departures_s, shared_runs
+from sim_adapters.shared_runs import shared_runs, starts_of
 from sim_adapters.world.world_builder import WorldTemplate
 from surrogate.effects.settings import settings_table
 from surrogate.loop.run_state import Observer, RunState
@@ -170,14 +170,15 @@ class JaxSimulator:
 
     def _run_all(self, requests: Sequence[RunRequest]) -> list[RunOutcome]:
         asked = shared_runs(requests)  # by which requests, for each run
-        departs_s = [departures_s(requests[numbers[0]]) for numbers in asked]
+        starts = [starts_of([requests[number] for number in numbers]) for numbers in asked]
         outcomes: list[RunOutcome | None] = [None] * len(requests)
-        for num_subjects in sorted(set(map(len, departs_s))):
-            together = [run for run, departures in enumerate(departs_s) if len(departures) == num_subjects]
-            queue = RunQueue(sorted(together, key=lambda run: departs_s[run]), self._batch)
+        for num_subjects in sorted(set(map(len, starts))):
+            together = [run for run, own in enumerate(starts) if len(own) == num_subjects]
+            queue = RunQueue(sorted(together, key=lambda run: starts[run]), self._batch)
             while runs := queue.take():
                 firsts = [requests[asked[run.number][0]] for run in runs]
-                run_states = self._go_on(firsts, runs, queue.share_left, num_subjects)
+                when = [starts[run.number] for run in runs]
+                run_states = self._go_on(firsts, when, runs, queue.share_left, num_subjects)
                 for run, lane in zip(runs, self._lanes(len(runs)), strict=True):
                     if run_states.is_over[lane]:
                         record = jax.tree.map(lambda leaf, lane=lane: leaf[lane], run_states.record)
@@ -205,26 +206,35 @@ class JaxSimulator:
         per_device = self._batch // num_devices
         return [index % num_devices * per_device + index // num_devices for index in range(number)]
 
-    def _go_on(self, requests: list[RunRequest], runs: list[Going], share_left: float, num_subjects: int) -> RunState:
+    def _go_on(
+        self,
+        requests: list[RunRequest],
+        starts: list[tuple[DriveStart, ...]],
+        runs: list[Going],
+        share_left: float,
+        num_subjects: int,
+    ) -> RunState:
         """Return where the runs of a batch are when at most a share of them is left, and add to their times."""
         compiled = self._program(num_subjects)
         began = time.perf_counter()
         lanes = self._lanes(len(runs))
-        filled = [requests[-1]] * self._batch
+        filled, when = [requests[-1]] * self._batch, [starts[-1]] * self._batch
         run_states = jax.tree.map(lambda leaf: np.zeros(leaf.shape, leaf.dtype), compiled.run_states)
         run_states.is_over[:] = True  # places that nobody needs
         is_fresh = np.ones((self._batch,), bool)
-        for request, run, lane in zip(requests, runs, lanes, strict=True):
-            filled[lane] = request
+        for request, start, run, lane in zip(requests, starts, runs, lanes, strict=True):
+            filled[lane], when[lane] = request, start
             run_states.is_over[lane] = False
             if run.state is not None:
                 is_fresh[lane] = False
                 jax.tree.map(lambda leaf, part, lane=lane: leaf.__setitem__(lane, part), run_states, run.state)
-        departs_s = np.asarray([departures_s(request) for request in filled], np.float32)
+        departs_s = np.asarray([[one.depart_s for one in each] for each in when], np.float32)
+        drives = np.asarray([[one.drive for one in each] for each in when], np.int32)
         inputs = BatchInputs(
             values=np.asarray([request.values for request in filled], np.float32),
             seeds=np.asarray([request.seed for request in filled], np.int32),
             departs_s=departs_s[:, 0] if num_subjects == 1 else departs_s,
+            drives=drives[:, 0] if num_subjects == 1 else drives,
             settings=np.asarray([settings_table(request.effects) for request in filled], np.float32)
             if self._has_effects
             else None,

@@ -101,7 +101,7 @@ def subject_control(
         step_s=clock.step_s,
         seed=request.seed,
         identity=subject_identity(world.inflow.num_entrances),
-        log=log_of(drives, request.depart_s, request.seed) if drives else None,
+        log=log_of(drives, request.drive) if drives else None,
     )
 
 

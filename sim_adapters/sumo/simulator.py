@@ -219,7 +219,7 @@ class SumoSimulator:
         elif not np.any(run.vehicle == -1 - subject):
             status = Status.SUBJECT_MISSING
         else:
-            parts_m = parts_of(self._recorded, request.depart_s, request.seed)
+            parts_m = parts_of(self._recorded, request.drive)
             frames = within_parts(self.frames_of(run, subject), parts_m)
             observed = np.asarray(self._fold(frames))
             if not np.isfinite(observed).all():

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Int
 from scipy.interpolate import CubicHermiteSpline
 
-from sim_adapters.world.drive_choice import choose, chosen
+from sim_adapters.interface import NO_DRIVE
 from surrogate.subject.logged_drive import LoggedMotion
 
 
@@ -16,7 +16,6 @@ from surrogate.subject.logged_drive import LoggedMotion
 class LoggedDrive:
     """What a subject vehicle did, one value for each step from `first_step` on."""
 
-    depart_s: float  # departure of the drive, by which runs choose it
     first_step: int  # step of the simulators' clock at whose beginning the log begins
     position_m: np.ndarray  # front bumper along the route
     speed_mps: np.ndarray
@@ -24,7 +23,6 @@ class LoggedDrive:
 
 
 def resample(
-    depart_s: float,
     time_s: np.ndarray,
     position_m: np.ndarray,
     speed_mps: np.ndarray,
@@ -37,7 +35,6 @@ def resample(
     never goes back.
 
     Args:
-        depart_s: departure of the drive.
         time_s: instants of the log, rising.
         position_m: positions then.
         speed_mps: speeds then.
@@ -56,7 +53,6 @@ def resample(
     spline = CubicHermiteSpline(time_s, position_m, speed_mps)
     following = np.clip(np.searchsorted(time_s, times - 1e-6), 0, len(time_s) - 1)
     return LoggedDrive(
-        depart_s=depart_s,
         first_step=first,
         position_m=np.maximum.accumulate(spline(times)),
         speed_mps=np.interp(times, time_s, speed_mps),
@@ -64,30 +60,29 @@ def resample(
     )
 
 
-def log_of(drives: Sequence[LoggedDrive], depart_s: float, seed: int) -> LoggedDrive:
-    """Return which drive a run repeats, see `choose`; the first if none departs when it does."""
-    return drives[choose([drive.depart_s for drive in drives], depart_s, seed) or 0]
+def log_of(drives: Sequence[LoggedDrive], drive: int) -> LoggedDrive:
+    """Return what a run repeats that stands for a drive, by its number; the first for NO_DRIVE."""
+    return drives[0 if drive == NO_DRIVE else drive]
 
 
-def logged_motion_of(drives: Sequence[LoggedDrive], depart_s: Float[Array, ""], seed: Int[Array, ""]) -> LoggedMotion:
-    """Return the drives for the surrogate, with the one that this run repeats; as `log_of`, on traced values.
+def logged_motion_of(drives: Sequence[LoggedDrive], drive: Int[Array, ""]) -> LoggedMotion:
+    """Return the drives for the surrogate, with the one that this run repeats; as `log_of`, on a traced number.
 
     Raises:
         ValueError: there are no drives.
     """
     if not drives:
         raise ValueError("The subject model 'replay' expects logged drives in the template; there are none.")
-    longest = max(len(drive.position_m) for drive in drives)
+    longest = max(len(one.position_m) for one in drives)
 
     def table(values: Sequence[np.ndarray]) -> np.ndarray:
         return np.stack([np.pad(one, (0, longest - len(one)), mode="edge") for one in values])
 
-    departs = jnp.asarray([drive.depart_s for drive in drives], jnp.float32)
     return LoggedMotion(
-        position_m=jnp.asarray(table([drive.position_m for drive in drives]), jnp.float32),
-        speed_mps=jnp.asarray(table([drive.speed_mps for drive in drives]), jnp.float32),
-        row=jnp.asarray(table([drive.row for drive in drives]), jnp.int32),
-        first_step=jnp.asarray([drive.first_step for drive in drives], jnp.int32),
-        num_steps=jnp.asarray([len(drive.position_m) for drive in drives], jnp.int32),
-        log=chosen(departs, depart_s, seed)[0],
+        position_m=jnp.asarray(table([one.position_m for one in drives]), jnp.float32),
+        speed_mps=jnp.asarray(table([one.speed_mps for one in drives]), jnp.float32),
+        row=jnp.asarray(table([one.row for one in drives]), jnp.int32),
+        first_step=jnp.asarray([one.first_step for one in drives], jnp.int32),
+        num_steps=jnp.asarray([len(one.position_m) for one in drives], jnp.int32),
+        log=jnp.where(drive == NO_DRIVE, 0, drive),
     )

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from sim_adapters.world.drive_choice import choose, chosen
+from sim_adapters.interface import NO_DRIVE
 from surrogate.loop.recorded_parts import is_recorded
 from surrogate.road.perception import PerceptionFrame
 
@@ -20,7 +20,6 @@ NO_PART_M = (np.inf, -np.inf)
 class RecordedParts:
     """What the log of one drive covers."""
 
-    depart_s: float  # departure of the drive, by which runs choose it
     parts_m: tuple[tuple[float, float], ...] = WHOLE_M  # begin and end along the route; without an end it is infinite
 
     @property
@@ -34,16 +33,14 @@ def are_whole(recorded: Sequence[RecordedParts]) -> bool:
     return all(one.is_whole for one in recorded)
 
 
-def parts_of(recorded: Sequence[RecordedParts], depart_s: float, seed: int) -> tuple[tuple[float, float], ...]:
-    """Return the parts in which a run's subject vehicle is observed; all of the route if no drive departs then.
+def parts_of(recorded: Sequence[RecordedParts], drive: int) -> tuple[tuple[float, float], ...]:
+    """Return the parts in which a run's subject vehicle is observed.
 
     Args:
-        recorded: the drives.
-        depart_s: when it departs.
-        seed: seed of the run.
+        recorded: the drives; none where each log covers all of the route.
+        drive: number of the one that the run stands for; NO_DRIVE is observed on all of the route.
     """
-    drive = choose([one.depart_s for one in recorded], depart_s, seed)
-    return WHOLE_M if drive is None else recorded[drive].parts_m
+    return recorded[drive].parts_m if recorded and drive != NO_DRIVE else WHOLE_M
 
 
 def within_parts(frames: PerceptionFrame, parts_m: Sequence[tuple[float, float]]) -> PerceptionFrame:
@@ -55,14 +52,13 @@ def within_parts(frames: PerceptionFrame, parts_m: Sequence[tuple[float, float]]
 
 
 def parts_table(
-    recorded: Sequence[RecordedParts], depart_s: Float[Array, "*subject"], seed: Int[Array, ""]
+    recorded: Sequence[RecordedParts], drive: Int[Array, "*subject"]
 ) -> Float[Array, "*subject part 2"] | None:
     """As `parts_of`, on traced values; None where every log covers all of the route.
 
     Args:
         recorded: the drives.
-        depart_s: when the run's subject vehicle departs, or each of several.
-        seed: seed of the run.
+        drive: number of the one that the run's subject vehicle stands for, or each of several.
     """
     if are_whole(recorded):
         return None
@@ -70,6 +66,4 @@ def parts_table(
     rows = [
         (*parts_m, *[NO_PART_M] * (most - len(parts_m))) for parts_m in (*(one.parts_m for one in recorded), WHOLE_M)
     ]
-    departs_s = jnp.asarray([one.depart_s for one in recorded], jnp.float32)
-    drive, is_there = chosen(departs_s, depart_s, seed)
-    return jnp.asarray(rows, jnp.float32)[jnp.where(is_there, drive, len(recorded))]
+    return jnp.asarray(rows, jnp.float32)[jnp.where(drive == NO_DRIVE, len(recorded), drive)]

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from sim_adapters.errors import ScenarioError
-from sim_adapters.interface import ParameterLayout
+from sim_adapters.interface import NO_DRIVE, ParameterLayout
 from sim_adapters.scenario.demand_file import VEHICLES
 from sim_adapters.scenario.road_builder import build_road
 from sim_adapters.scenario.scenario import Scenario
@@ -102,12 +102,22 @@ class WorldTemplate:
         behaviour = [of_class[vtype][attribute] for vtype, attribute in self.layout.driver_parameters]
         return np.concatenate([self.base_demand_vehph(), behaviour])
 
+    def tells_apart(self, drive: int) -> bool:
+        """Whether a run that stands for a recorded drive differs from one that stands for none.
+
+        Args:
+            drive: its number.
+        """
+        is_whole = not self.recorded or self.recorded[drive].is_whole
+        return bool(self.logged_drives) or not is_whole
+
     def world(
         self,
         values: Float[Array, " parameter"],
         seed: Int[Array, ""],
         depart_s: Float[Array, "*subject"],
         effects: Effects | None = None,
+        drive: Int[Array, "*subject"] | None = None,
     ) -> World:
         """Return the world of one run.
 
@@ -116,7 +126,10 @@ class WorldTemplate:
             seed: seed of the run.
             depart_s: when the subject vehicle departs, or each of several; see `SubjectPlan`.
             effects: what the baseline lacks; None for the baseline.
+            drive: number of the recorded drive that the run stands for, or each of several subject vehicles; None: of
+                none.
         """
+        drive = jnp.full(jnp.shape(depart_s), NO_DRIVE) if drive is None else drive
         num_inputs = self.layout.num_inputs
         inputs = values[:num_inputs] if effects is None else true_inputs(effects, values[:num_inputs])
         classes = self._classes(values[num_inputs:])
@@ -154,9 +167,9 @@ class WorldTemplate:
             ),
             seed=seed,
             effects=effects,
-            driver=self._driver(depart_s, seed),
+            driver=self._driver(drive),
             distant=self._distant(),
-            recorded_m=parts_table(self.recorded, depart_s, seed),
+            recorded_m=parts_table(self.recorded, drive),
         )
 
     def _timetable(
@@ -175,9 +188,9 @@ class WorldTemplate:
         distant = tuple(self.class_names.index(name) for name in self.distant_vtypes.values())
         return DistantDrivers(near, distant, *self.sensor_range_m)
 
-    def _driver(self, depart_s: Float[Array, ""], seed: Int[Array, ""]) -> Planner | LoggedMotion | None:
+    def _driver(self, drive: Int[Array, ""]) -> Planner | LoggedMotion | None:
         if self.subject_model.name == REPLAY:
-            return logged_motion_of(self.logged_drives, depart_s, seed)
+            return logged_motion_of(self.logged_drives, drive)
         return self.subject_model.planner(*self.sensor_range_m)
 
     def batch_axes(self, has_effects: bool = False) -> World:

@@ -30,13 +30,12 @@ def make(request: pytest.FixtureRequest) -> Callable[[CalibrationProblem], Simul
 def outcomes(
     small_problem: CalibrationProblem, make: Callable[[CalibrationProblem], Simulator]
 ) -> Iterator[list[RunOutcome]]:
-    """One drive, observed in four ways: departures that differ by less than a step are the same drive."""
+    """One drive, observed in as many ways as there are logs."""
     parts = (*PARTS, BEYOND_M)
-    departs_s = [DEPART_S - 0.004 * number for number in range(len(parts))]
-    template = dataclasses.replace(small_problem.template, recorded=tuple(map(RecordedParts, departs_s, parts)))
+    template = dataclasses.replace(small_problem.template, recorded=tuple(map(RecordedParts, parts)))
     simulator = make(dataclasses.replace(small_problem, template=template))
     values = tuple(template.base_values().tolist())
-    yield simulator.run([RunRequest(values, 3, depart_s) for depart_s in departs_s])
+    yield simulator.run([RunRequest(values, 3, DEPART_S, drive=drive) for drive in range(len(parts))])
     if isinstance(simulator, SumoSimulator):
         simulator.close()
 

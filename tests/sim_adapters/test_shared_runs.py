@@ -6,28 +6,51 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sim_adapters.interface import ParameterLayout, RunOutcome, RunRequest, Status
+from sim_adapters.interface import DriveStart, ParameterLayout, RunOutcome, RunRequest, Status
 from sim_adapters.scenario.scenario import Scenario
-from sim_adapters.shared_runs import departures_apart, departures_s, shared_runs, subject_names
+from sim_adapters.shared_runs import departures_s, shared_runs, starts_apart, starts_of, subject_names
 from sim_adapters.sumo.distant import DistantTypes
 from sim_adapters.sumo.simulator import SensorRange, SumoSimulator
 
 VALUES = (1500.0, 300.0, 1.2, 2.5, 2.6, 1.0, 0.1, 1.0, 1.0)
 SEED, FIRST_S, SECOND_S, END_S = 5, 60.0, 90.0, 150.0
+EVERY_20_S = (300.0, 320.0, 340.0, 360.0, 380.0, 400.0)
 
 
 def request_of(depart_s: float, *also_s: float, seed: int = SEED) -> RunRequest:
     return RunRequest(VALUES, seed, depart_s, {}, also_s)
 
 
-def test_departures_are_dealt_to_as_few_runs_as_keep_them_apart():
-    every_20_s = [300.0, 320.0, 340.0, 360.0, 380.0, 400.0]
-    assert departures_apart(every_20_s, 40.0, 9) == [(300.0, 340.0, 380.0), (320.0, 360.0, 400.0)]
-    assert departures_apart(every_20_s, 50.0, 9) == [(300.0, 360.0), (320.0, 380.0), (340.0, 400.0)]
-    assert departures_apart(every_20_s, 20.0, 6) == [tuple(every_20_s)]
-    assert departures_apart(every_20_s, 20.0, 5) == [(300.0, 340.0, 380.0), (320.0, 360.0, 400.0)]
-    assert departures_apart([600.0], 40.0, 3) == [(600.0,)]
-    assert departures_apart([0.0, 5.0], 40.0, 3) == [(0.0,), (5.0,)]
+@pytest.mark.parametrize(
+    ("departs_s", "least_apart_s", "most", "dealt"),
+    [
+        (EVERY_20_S, 40.0, 9, [(300.0, 340.0, 380.0), (320.0, 360.0, 400.0)]),
+        (EVERY_20_S, 50.0, 9, [(300.0, 360.0), (320.0, 380.0), (340.0, 400.0)]),
+        (EVERY_20_S, 20.0, 6, [EVERY_20_S]),
+        (EVERY_20_S, 20.0, 5, [(300.0, 340.0, 380.0), (320.0, 360.0, 400.0)]),
+        ((600.0,), 40.0, 3, [(600.0,)]),
+        ((0.0, 5.0), 40.0, 3, [(0.0,), (5.0,)]),
+        ((300.0, 300.0), 40.0, 3, [(300.0,), (300.0,)]),
+    ],
+)
+def test_drives_are_dealt_to_as_few_runs_as_keep_them_apart(
+    departs_s: tuple[float, ...], least_apart_s: float, most: int, dealt: list[tuple[float, ...]]
+):
+    starts = [DriveStart(depart_s, number) for number, depart_s in enumerate(departs_s)]
+    found = starts_apart(starts, least_apart_s, most)
+    assert [tuple(one.depart_s for one in run) for run in found] == dealt
+    assert sorted(one for run in found for one in run) == starts
+
+
+def test_one_subject_vehicle_stands_for_one_drive():
+    """Two drives at 60 s that a run with another at 90 s is asked for are two runs; a further one joins the first."""
+    asked = [
+        RunRequest(VALUES, SEED, depart_s, {}, (also_s,), drive)
+        for depart_s, also_s, drive in ((60.0, 90.0, 3), (60.0, 90.0, 5), (90.0, 60.0, 4), (60.0, 90.0, 3))
+    ]
+    assert shared_runs(asked) == [[0, 2, 3], [1]]
+    assert starts_of([asked[0], asked[2]]) == (DriveStart(60.0, 3), DriveStart(90.0, 4))
+    assert starts_of([asked[1]]) == (DriveStart(60.0, 5), DriveStart(90.0))
 
 
 def test_requests_that_differ_only_in_whom_they_ask_for_share_a_run():

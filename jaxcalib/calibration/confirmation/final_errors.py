@@ -21,7 +21,7 @@ from jaxcalib.problem.problem import CalibrationProblem
 from jaxcalib.runs.journal import JournaledSumo
 from jaxcalib.runs.seeds import FINAL_SEEDS
 from jaxcalib.runs.session import Session
-from sim_adapters.interface import RunOutcome, RunRequest
+from sim_adapters.interface import DriveStart, RunOutcome, RunRequest
 
 
 @dataclass(frozen=True)
@@ -96,13 +96,13 @@ def start_final_runs(
         may_fail: whether runs of which none succeeds are an answer, too, rather than an AllRunsFailedError: an entrance
             may be full when drives that were held out depart.
     """
-    departs_s, first_seed = problem.departs_s(role), session.first_seed + FINAL_SEEDS[role]
-    num_runs = num_runs if departs_s else 0
+    starts, first_seed = problem.drive_starts(role), session.first_seed + FINAL_SEEDS[role]
+    num_runs = num_runs if starts else 0
     if shares_runs and num_runs:
-        requests = Evaluator(sumo, departs_s, first_seed, shares_runs=True).requests(values, num_runs)
+        requests = Evaluator(sumo, starts, first_seed, shares_runs=True).requests(values, num_runs)
     else:
-        requests = requests_in_turn(values, departs_s, num_runs, first_seed)
-    drive = _drives_in_turn([request.depart_s for request in requests], departs_s)
+        requests = requests_in_turn(values, starts, num_runs, first_seed)
+    drive = _drives_in_turn([request.drive_start for request in requests], starts)
     wait = sumo.start(requests, session.progress.sumo_runs)
 
     def finish() -> FinalRuns:
@@ -117,11 +117,12 @@ def start_final_runs(
 
 
 def requests_in_turn(
-    values: Float[np.ndarray, " parameter"], departs_s: Sequence[float], num_runs: int, first_seed: int
+    values: Float[np.ndarray, " parameter"], starts: Sequence[DriveStart], num_runs: int, first_seed: int
 ) -> list[RunRequest]:
     """Return runs of one point, each with a seed and a drive of its own; the drives in turn."""
     told = tuple(float(value) for value in values)
-    return [RunRequest(told, first_seed + run, departs_s[run % len(departs_s)]) for run in range(num_runs)]
+    taken = (starts[run % len(starts)] for run in range(num_runs))
+    return [RunRequest(told, first_seed + run, one.depart_s, drive=one.drive) for run, one in enumerate(taken)]
 
 
 def final_errors(
@@ -172,39 +173,39 @@ def all_runs_of_role(
 ) -> FinalRuns:
     """Return all runs that can stand for the drives of a role, and of more runs of the same point those that can.
 
-    Drives of both roles that depart at the same time are alike but for their seed, so the runs for one role serve the
-    other as well.
+    Runs of drives of both roles that depart at the same time are often alike but for their seed, so those for one role
+    serve the other as well.
     """
     others = [outcome for other in ROLES if other != role for outcome in runs[other].outcomes]
-    return with_outcomes(runs[role], problem.departs_s(role), (*others, *more))
+    return with_outcomes(runs[role], problem.drive_starts(role), (*others, *more))
 
 
-def with_outcomes(runs: FinalRuns, departs_s: tuple[float, ...], more: tuple[RunOutcome, ...]) -> FinalRuns:
+def with_outcomes(runs: FinalRuns, starts: Sequence[DriveStart], more: tuple[RunOutcome, ...]) -> FinalRuns:
     """Return runs together with those among others of the same point that could stand for the same drives.
 
     Args:
         runs: runs that stand for drives.
-        departs_s: when the subject vehicle departs in each drive.
-        more: other runs; those that failed or depart at another time are left out.
+        starts: when the subject vehicle departs in each drive.
+        more: other runs; those that failed or stand for other drives are left out.
     """
-    used = [outcome for outcome in more if outcome.status.is_ok and outcome.request.depart_s in departs_s]
+    used = [outcome for outcome in more if outcome.status.is_ok and outcome.request.drive_start in starts]
     if not used:
         return runs
-    drive = _drives_in_turn([outcome.request.depart_s for outcome in used], departs_s)
+    drive = _drives_in_turn([outcome.request.drive_start for outcome in used], starts)
     tally = np.asarray([outcome.observed for outcome in used], float)
     return FinalRuns(np.vstack([runs.tally, tally]), np.concatenate([runs.drive, drive]), (*runs.outcomes, *used))
 
 
-def _drives_in_turn(run_departs_s: Sequence[float], departs_s: tuple[float, ...]) -> np.ndarray:
-    """Return which drive each run stands for: drives that depart at the same time are alike and take runs in turn."""
-    places: dict[float, list[int]] = {}
-    for place, depart_s in enumerate(departs_s):
-        places.setdefault(depart_s, []).append(place)
-    seen: dict[float, int] = {}
+def _drives_in_turn(of_runs: Sequence[DriveStart], starts: Sequence[DriveStart]) -> np.ndarray:
+    """Return which drive each run stands for: drives with equal departures take runs in turn."""
+    places: dict[DriveStart, list[int]] = {}
+    for place, start in enumerate(starts):
+        places.setdefault(start, []).append(place)
+    seen: dict[DriveStart, int] = {}
     drive = []
-    for depart_s in run_departs_s:
-        seen[depart_s] = seen.get(depart_s, -1) + 1
-        drive.append(places[depart_s][seen[depart_s] % len(places[depart_s])])
+    for start in of_runs:
+        seen[start] = seen.get(start, -1) + 1
+        drive.append(places[start][seen[start] % len(places[start])])
     return np.asarray(drive, int)
 
 

@@ -23,9 +23,9 @@ def scenario_requests(problem: CalibrationProblem, first_seed: int) -> list[RunR
         problem: the problem.
         first_seed: of the calibration.
     """
-    role: Role = "held_out" if problem.departs_s("held_out") else "fit"
+    role: Role = "held_out" if problem.drive_starts("held_out") else "fit"
     values = round_values(problem.template.base_values())
-    return requests_in_turn(values, problem.departs_s(role), NUM_RUNS, first_seed + FINAL_SEEDS[role])
+    return requests_in_turn(values, problem.drive_starts(role), NUM_RUNS, first_seed + FINAL_SEEDS[role])
 
 
 def start_scenario_check(problem: CalibrationProblem, first_seed: int, start: Start) -> Callable[[], None]:

@@ -33,7 +33,7 @@ def write_calibrated_scenario(record: CalibrationRecord, result: CalibrationResu
         problem.scenario,
         problem.layout,
         tuple(float(value) for value in values),
-        problem.departs_s("fit")[0],
+        problem.drive_starts("fit")[0].depart_s,
         problem.parts.subject.vehicle,
         draft,
         is_handed_over=True,

@@ -78,7 +78,7 @@ def in_sumo_alone(plan: Budget, problem: CalibrationProblem, scale: float) -> Bu
 
     Drives share runs where they depart far enough apart, so that a candidate costs one run or few.
     """
-    num_fit = len(problem.departs_s("fit"))
+    num_fit = len(problem.drive_starts("fit"))
     rounds = max(1, round(scale))
     noise_rounds = max(6, round(SUMO_NOISE_ROUNDS * min(scale, 2.0)))
     num_evaluations = max(2, round(SUMO_GENERATIONS * min(scale, 3.0))) * GENERATION
@@ -111,7 +111,7 @@ def with_mapping(plan: Budget, problem: CalibrationProblem) -> Budget:
 
 def runs_of_polish(plan: Budget, problem: CalibrationProblem) -> int:
     """Return the runs of a polish of all parameters, about."""
-    return (len(problem.layout.names) + 6) * in_rounds(problem.departs_s("fit"), plan.polish_runs)
+    return (len(problem.layout.names) + 6) * in_rounds(problem.drive_starts("fit"), plan.polish_runs)
 
 
 def _plan_budget(problem: CalibrationProblem, scale: float) -> Budget:
@@ -123,8 +123,7 @@ def _plan_budget(problem: CalibrationProblem, scale: float) -> Budget:
     noise_runs = round((LARGE_NOISE_RUNS if is_large else NOISE_RUNS) * min(max(scale, 0.5), 4.0))
     covariance_runs = max(noise_runs, round(COVARIANCE_RUNS * min(scale / QUICK, 1.0)))
     polish_runs = (2 if is_large else 3) * per_candidate
-    fit_departs_s = problem.departs_s("fit")
-    num_fit, num_held_out = len(fit_departs_s), len(problem.departs_s("held_out"))
+    num_fit, num_held_out = len(problem.drive_starts("fit")), len(problem.drive_starts("held_out"))
 
     num_seeds = min(FRESH_SEEDS * scale, MOST_FRESH_SEEDS)
     final_runs = num_held_out * max(2, round(num_seeds / max(num_held_out, 1)))
@@ -149,12 +148,12 @@ def _plan_budget(problem: CalibrationProblem, scale: float) -> Budget:
 
 def _num_search_runs(problem: CalibrationProblem, plan: Budget) -> int:
     """Return the runs that a search makes, about."""
-    departs_s, layout = problem.departs_s("fit"), problem.layout
+    starts, layout = problem.drive_starts("fit"), problem.layout
     cases = small_array(layout.num_inputs).num_cases + smallest_array(len(layout.names)).num_cases
-    per_candidate = in_rounds(departs_s, plan.runs_per_candidate)
+    per_candidate = in_rounds(starts, plan.runs_per_candidate)
     return (
         (cases + plan.num_evaluations + 3 * SHORTLISTED * SHORTLIST_RUNS) * per_candidate
         + 2 * runs_of_polish(plan, problem)
-        + 8 * in_rounds(departs_s, plan.noise_runs)
-        + in_rounds(departs_s, plan.covariance_runs)
+        + 8 * in_rounds(starts, plan.noise_runs)
+        + in_rounds(starts, plan.covariance_runs)
     )

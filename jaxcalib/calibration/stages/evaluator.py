@@ -1,13 +1,13 @@
 """Candidates in, pooled tallies out: the only place where a search's candidates meet a simulator."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float
 
-from sim_adapters.interface import RunOutcome, RunRequest, Simulator
-from sim_adapters.shared_runs import departures_apart, drives_worth
+from sim_adapters.interface import DriveStart, RunOutcome, RunRequest, Simulator
+from sim_adapters.shared_runs import drives_worth, starts_apart
 
 MOST_FAILED_SHARE = 0.1  # of a candidate's runs; with more it has failed, for what it lost need not be like the rest
 
@@ -38,7 +38,7 @@ class Evaluator:
     def __init__(
         self,
         simulator: Simulator,
-        departs_s: tuple[float, ...],
+        starts: Sequence[DriveStart],
         first_seed: int,
         on_runs: OnRuns | None = None,
         shares_runs: bool = False,
@@ -47,16 +47,16 @@ class Evaluator:
 
         Args:
             simulator: engine.
-            departs_s: departures of the drives that are matched; runs take them in turn.
+            starts: of the drives that are matched; runs take them in turn.
             first_seed: seed of the first run; each run of a candidate has a seed of its own.
             on_runs: told how many runs have been made.
             shares_runs: whether subject vehicles that depart far enough apart drive in one run, with one seed; then
                 what counts as a run here is a drive.
         """
         self._simulator = simulator
-        self._departs_s = interleaved_departs_s(departs_s)
-        self._dealt = departures_apart(self._departs_s) if shares_runs else [(one,) for one in self._departs_s]
-        self._run_of = _numbers_of_runs(self._departs_s, self._dealt)
+        self._starts = interleaved(starts)
+        self._dealt = starts_apart(self._starts) if shares_runs else [(one,) for one in self._starts]
+        self._run_of = _numbers_of_runs(self._starts, self._dealt)
         self._first_seed = first_seed
         self._on_runs = on_runs
         self._num_tallies = 0  # not known before the first run that succeeds
@@ -64,24 +64,25 @@ class Evaluator:
 
     def rounds_of(self, num_runs: int) -> int:
         """Return a number of runs near the wanted one in which each drive occurs equally often."""
-        return in_rounds(tuple(self._departs_s), num_runs)
+        return in_rounds(self._starts, num_runs)
 
     def worth(self, num_runs: int) -> float:
         """Return how many independent runs tell what so many of these do."""
-        return drives_worth(num_runs, num_runs * len(self._dealt) / len(self._departs_s))
+        return drives_worth(num_runs, num_runs * len(self._dealt) / len(self._starts))
 
     def requests(self, values: Float[np.ndarray, " parameter"], num_runs: int, offset: int = 0) -> list[RunRequest]:
         """Return the runs of one candidate."""
         requests = []
         for number in range(num_runs):
-            begun, place = divmod(number, len(self._departs_s))
-            depart_s, run = self._departs_s[place], self._run_of[place]
+            begun, place = divmod(number, len(self._starts))
+            own, run = self._starts[place], self._run_of[place]
             requests.append(
                 RunRequest(
                     values=tuple(float(value) for value in values),
                     seed=self._first_seed + offset + begun * len(self._dealt) + run,
-                    depart_s=depart_s,
-                    also_depart_s=tuple(other for other in self._dealt[run] if other != depart_s),
+                    depart_s=own.depart_s,
+                    also_depart_s=tuple(other.depart_s for other in self._dealt[run] if other != own),
+                    drive=own.drive,
                 )
             )
         return requests
@@ -138,28 +139,32 @@ class AllRunsFailedError(RuntimeError):
         self.log_tail = log_tail
 
 
-def in_rounds(departs_s: tuple[float, ...], num_runs: int) -> int:
+def in_rounds(starts: Sequence[DriveStart], num_runs: int) -> int:
     """Return a number of runs near the wanted one in which each of some departures occurs equally often."""
-    per_round = len(interleaved_departs_s(departs_s))
+    per_round = len(interleaved(starts))
     return max(1, round(num_runs / per_round)) * per_round
 
 
-def interleaved_departs_s(departs_s: tuple[float, ...]) -> list[float]:
-    """Return departures in an order in which any few in a row differ; runs take them in turn."""
-    return sorted(set(departs_s)) if _is_even(departs_s) else list(departs_s)
+def interleaved(starts: Sequence[DriveStart]) -> list[DriveStart]:
+    """Return departures in an order in which any few in a row are at different times; runs take them in turn."""
+    if not _is_even(starts):
+        return list(starts)
+    ordered = sorted(set(starts))
+    earlier = [sum(other.depart_s == one.depart_s for other in ordered[:place]) for place, one in enumerate(ordered)]
+    return [one for _, one in sorted(zip(earlier, ordered, strict=True))]
 
 
-def _numbers_of_runs(departs_s: list[float], dealt: list[tuple[float, ...]]) -> list[int]:
+def _numbers_of_runs(starts: list[DriveStart], dealt: list[tuple[DriveStart, ...]]) -> list[int]:
     """Return in which of the runs each departure is; equal departures are in different ones."""
     free = [list(one) for one in dealt]
     numbers = []
-    for depart_s in departs_s:
-        number = next(number for number, left in enumerate(free) if depart_s in left)
-        free[number].remove(depart_s)
+    for start in starts:
+        number = next(number for number, left in enumerate(free) if start in left)
+        free[number].remove(start)
         numbers.append(number)
     return numbers
 
 
-def _is_even(departs_s: tuple[float, ...]) -> bool:
-    counts = [departs_s.count(one) for one in set(departs_s)]
+def _is_even(starts: Sequence[DriveStart]) -> bool:
+    counts = [starts.count(one) for one in set(starts)]
     return min(counts) == max(counts)

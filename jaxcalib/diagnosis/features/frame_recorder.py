@@ -71,27 +71,32 @@ class FrameRecorder(eqx.Module):
         return jnp.concatenate([number[None], state.subject.reshape(-1), state.objects.reshape(-1).astype(jnp.float32)])
 
     def table(self, observed: np.ndarray, interval_s: float) -> DriveTable:
-        """Return the drive that a run observed, from what `finish` returned."""
+        """Return the drive that a run observed, from what `finish` returned; a gap in it is one in the table, too."""
         number = int(observed[0])
         end = 1 + self.num_frames * NUM_SUBJECT_VALUES
         subject = observed[1:end].reshape(self.num_frames, NUM_SUBJECT_VALUES)[:number].astype(np.float64)
         objects = observed[end:].reshape(self.num_frames, 5, self.num_objects)[:number]
         flags = objects[:, 3].astype(np.int64)
-        instant, slot = np.nonzero(flags & SEEN_BIT)
-        offset, speed, track, _, lateral = (objects[instant, value, slot] for value in range(5))
-        flags = flags[instant, slot]
+        frame, slot = np.nonzero(flags & SEEN_BIT)
+        offset, speed, track, _, lateral = (objects[frame, value, slot] for value in range(5))
+        flags = flags[frame, slot]
         offset_m = offset.astype(np.float64) * PLACE_STEP_M
+        instant = np.round((subject[:, 0] - subject[:1, 0]) / interval_s).astype(int)  # of each frame
+        whole = np.zeros((instant.max(initial=-1) + 1, NUM_SUBJECT_VALUES))
+        whole[instant] = subject
+        is_valid = np.zeros(len(whole), bool)
+        is_valid[instant] = True
         return DriveTable(
             interval_s=interval_s,
-            time_s=subject[:, 0],
-            is_valid=np.ones(number, bool),
-            subject_acceleration_mps2=subject[:, 3],
-            subject_speed_mps=subject[:, 2],
-            instant=instant,
+            time_s=subject[:1, 0] + interval_s * np.arange(len(whole)),
+            is_valid=is_valid,
+            subject_acceleration_mps2=whole[:, 3],
+            subject_speed_mps=whole[:, 2],
+            instant=instant[frame],
             track=np.where(flags & SUBJECT_BIT, -1, track.astype(int)),
             lane=flags >> LANE_SHIFT,
             offset_m=offset_m,
-            position_m=subject[instant, 1] + offset_m,
+            position_m=subject[frame, 1] + offset_m,
             speed_mps=speed.astype(np.float64) * SPEED_STEP_MPS,
             lateral_m=lateral.astype(np.float64) * LATERAL_STEP_M,
         )

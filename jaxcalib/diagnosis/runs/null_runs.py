@@ -12,8 +12,8 @@ from jaxcalib.diagnosis.features.features import DriveTallies, TallyBook, gather
 from jaxcalib.diagnosis.features.identities import count_identities
 from jaxcalib.problem.problem import CalibrationProblem
 from jaxcalib.runs.disk import checked_disk, writing_to_scratch
-from sim_adapters.interface import RunOutcome, RunRequest
-from sim_adapters.shared_runs import departures_apart, departures_s, drives_worth
+from sim_adapters.interface import DriveStart, RunOutcome, RunRequest
+from sim_adapters.shared_runs import departures_s, drives_worth, starts_apart
 from sim_adapters.sumo.simulator import SensorRange, SumoSimulator
 from sim_adapters.sumo.workers import SumoWorkers
 from surrogate.effects.base import Effect, EffectSetting
@@ -107,15 +107,15 @@ def sensor_strengths(effect: Effect, interval_s: float) -> tuple[float, ...]:
     return (*strengths, *(-strength for strength in strengths[1:])) if effect.is_signed else strengths
 
 
-def departures_of_runs(problem: CalibrationProblem) -> list[tuple[float, ...]]:
+def starts_of_runs(problem: CalibrationProblem) -> list[tuple[DriveStart, ...]]:
     """Return the drives' departures, dealt to runs with several subject vehicles each."""
-    departs_s = sorted({drive.depart_s for drive in problem.case.drives})
-    return departures_apart(departs_s) if problem.template.can_share_runs else [(depart_s,) for depart_s in departs_s]
+    starts = sorted(set(problem.drive_starts()))
+    return starts_apart(starts) if problem.template.can_share_runs else [(one,) for one in starts]
 
 
 def num_runs_for(problem: CalibrationProblem, num_drives: int) -> int:
     """Number of runs that tell as much as so many drives with a run of their own."""
-    dealt = departures_of_runs(problem)
+    dealt = starts_of_runs(problem)
     per_round = sum(map(len, dealt))
     if per_round == len(dealt):
         return num_drives
@@ -181,12 +181,12 @@ def _requests(
     effects: Mapping[str, EffectSetting],
 ) -> list[RunRequest]:
     """Return a request for each drive of the runs."""
-    dealt, vector = departures_of_runs(problem), tuple(float(value) for value in values)
+    dealt, vector = starts_of_runs(problem), tuple(float(value) for value in values)
     requests = []
     for run in runs:
-        departs_s = dealt[run % len(dealt)]
-        also_s = departs_s if len(departs_s) > 1 else ()
-        requests += [RunRequest(vector, first_seed + run, depart_s, effects, also_s) for depart_s in departs_s]
+        starts = dealt[run % len(dealt)]
+        also_s = tuple(one.depart_s for one in starts) if len(starts) > 1 else ()
+        requests += [RunRequest(vector, first_seed + run, one.depart_s, effects, also_s, one.drive) for one in starts]
     return requests
 
 

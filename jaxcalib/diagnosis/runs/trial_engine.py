@@ -26,5 +26,5 @@ def trial_runner(
     engine = surrogate_engine(
         problem, SPARE_CAPACITY, observer=recorder, decision_interval_s=decision_interval_s
     ).with_effects()
-    departs = sorted({drive.depart_s for drive in problem.case.drives})
-    return TrialRunner(engine, recorder, features, departs, first_seed, problem.frame_interval_s)
+    starts = sorted(set(problem.drive_starts()))
+    return TrialRunner(engine, recorder, features, starts, first_seed, problem.frame_interval_s)

@@ -9,7 +9,7 @@ import numpy as np
 from jaxcalib.diagnosis.features.drive_features import DriveFeatures
 from jaxcalib.diagnosis.features.features import DriveTallies, TallyBook, gather_tallies
 from jaxcalib.diagnosis.features.frame_recorder import FrameRecorder
-from sim_adapters.interface import RunOutcome, RunRequest
+from sim_adapters.interface import DriveStart, RunOutcome, RunRequest
 from sim_adapters.jax.simulator import JaxSimulator
 from surrogate.effects.base import EffectSetting
 
@@ -36,16 +36,17 @@ class TrialRunner:
     engine: JaxSimulator  # the surrogate, which records frames
     recorder: FrameRecorder  # its observer
     features: DriveFeatures  # what is counted
-    departs_s: Sequence[float]  # departures, taken in turn
+    starts: Sequence[DriveStart]  # taken in turn
     first_seed: int  # seed of the first run
     interval_s: float  # time between two frames
 
     def run(self, trials: Sequence[Trial], on_runs: Callable[[int], None]) -> dict[str, DriveTallies]:
         """Return the tallies of each trial's runs; a run that failed has none, so that runs stay paired."""
         requests = [
-            RunRequest(trial.values, self.first_seed + run, self.departs_s[run % len(self.departs_s)], trial.effects)
+            RunRequest(trial.values, self.first_seed + run, own.depart_s, trial.effects, drive=own.drive)
             for trial in trials
             for run in range(trial.first_run, trial.first_run + trial.num_runs)
+            for own in [self.starts[run % len(self.starts)]]
         ]
         with ThreadPoolExecutor(max_workers=1) as counting:  # one batch is counted while the next one runs
             counted = []

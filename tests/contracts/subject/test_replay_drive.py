@@ -12,7 +12,7 @@ import pytest
 
 from jaxcalib.problem.engines import sumo_engine
 from jaxcalib.problem.problem import CalibrationProblem, read_problem
-from sim_adapters.interface import RunRequest
+from sim_adapters.interface import NO_DRIVE, RunRequest
 from sim_adapters.sumo.job import SumoRun
 from sim_adapters.world.logged_drive import LoggedDrive, log_of, logged_motion_of, resample
 from surrogate.effects.base import EffectSetting
@@ -31,16 +31,16 @@ from tests.jit_marked import jit_marked
 STEP_S = 0.1
 
 
-def drive(depart_s: float, first_step: int, length: int = 30) -> LoggedDrive:
+def drive(first_step: int, length: int = 30) -> LoggedDrive:
     steps = np.arange(length)
-    return LoggedDrive(depart_s, first_step, 50.0 + 1.9 * steps + depart_s, np.full(length, 19.0), steps // 7 % 3)
+    return LoggedDrive(first_step, 50.0 + 1.9 * steps + first_step, np.full(length, 19.0), steps // 7 % 3)
 
 
 def test_the_log_is_met_at_its_instants_and_a_cubic_between_them() -> None:
     time = np.asarray([60.25, 60.75, 61.25, 61.75])
     # x = 3 + 2 t + 5 t^2 - t^3 with t from the first instant, which a cubic between any two instants repeats
     t = time - time[0]
-    found = resample(60.0, time, 3 + 2 * t + 5 * t**2 - t**3, 2 + 10 * t - 3 * t**2, np.asarray([1, 1, 2, 2]), STEP_S)
+    found = resample(time, 3 + 2 * t + 5 * t**2 - t**3, 2 + 10 * t - 3 * t**2, np.asarray([1, 1, 2, 2]), STEP_S)
     assert found.first_step == 603
     fine = np.arange(603, 618) * STEP_S - time[0]
     np.testing.assert_allclose(found.position_m, 3 + 2 * fine + 5 * fine**2 - fine**3, atol=1e-9)
@@ -51,27 +51,29 @@ def test_the_log_is_met_at_its_instants_and_a_cubic_between_them() -> None:
 def test_a_noisy_log_never_goes_back() -> None:
     time = np.arange(0.0, 10.0, 0.5)
     noise = np.random.default_rng(3).normal(0.0, 0.4, len(time))
-    found = resample(0.0, time, 0.2 * time + noise, np.full(len(time), 0.2), np.zeros(len(time), int), STEP_S)
+    found = resample(time, 0.2 * time + noise, np.full(len(time), 0.2), np.zeros(len(time), int), STEP_S)
     assert np.all(np.diff(found.position_m) >= 0.0)
     with pytest.raises(ValueError, match="at least two instants"):
-        resample(0.0, time[:1], time[:1], time[:1], time[:1], STEP_S)
+        resample(time[:1], time[:1], time[:1], time[:1], STEP_S)
 
 
-def test_both_simulators_choose_the_same_drive() -> None:
-    drives = [drive(300.0, 3005), drive(320.0, 3204, 41), drive(300.0, 3002, 35)]
-    for depart_s in (300.0, 320.0, 999.0):
-        for seed in range(5):
-            chosen = logged_motion_of(drives, jnp.asarray(depart_s), jnp.asarray(seed))
-            expected = drives.index(log_of(drives, depart_s, seed))
-            assert int(chosen.log) == expected
-            position, speed, row = chosen.at(jnp.asarray(drives[expected].first_step + 9))
-            assert float(position) == pytest.approx(drives[expected].position_m[9])
-            assert (float(speed), int(row)) == (19.0, 1)
-            end = drives[expected].first_step + len(drives[expected].position_m)
-            assert bool(chosen.is_over(jnp.asarray(end)))
-            assert not bool(chosen.is_over(jnp.asarray(end - 1)))
+@pytest.mark.parametrize(("asked", "expected"), [(0, 0), (1, 1), (2, 2), (NO_DRIVE, 0)])
+def test_both_simulators_repeat_the_drive_that_is_asked_for(asked: int, expected: int) -> None:
+    drives = [drive(3005), drive(3204, 41), drive(3002, 35)]
+    log = log_of(drives, asked)
+    assert log is drives[expected]
+    repeated = logged_motion_of(drives, jnp.asarray(asked))
+    position, speed, row = repeated.at(jnp.asarray(log.first_step + 9))
+    assert float(position) == pytest.approx(log.position_m[9])
+    assert (float(speed), int(row)) == (19.0, 1)
+    end = log.first_step + len(log.position_m)
+    assert bool(repeated.is_over(jnp.asarray(end)))
+    assert not bool(repeated.is_over(jnp.asarray(end - 1)))
+
+
+def test_without_drives_there_is_nothing_to_repeat() -> None:
     with pytest.raises(ValueError, match="expects logged drives"):
-        logged_motion_of([], jnp.asarray(300.0), jnp.asarray(1))
+        logged_motion_of([], jnp.asarray(0))
 
 
 @pytest.mark.parametrize(

@@ -11,6 +11,7 @@ from experiments.optimisers.course import Budget, run_course
 from experiments.optimisers.registry import OPTIMISERS
 from jaxcalib.calibration.objective.evidence import independent_evidence
 from jaxcalib.calibration.stages.search_box import search_box
+from sim_adapters.interface import DriveStart
 from tests.jaxcalib.calibration.toy import SPACE, TRUTH, ToySimulator, tallies, toy_objective
 
 START = np.asarray([0.9, 0.3, 0.85])
@@ -22,7 +23,7 @@ def prepared(simulator: ToySimulator, **options: Any) -> PreparedCase:
     departs_s = {"fit": FIT, "held_out": HELD_OUT} | options
     stub: Any = SimpleNamespace(
         case=SimpleNamespace(name="toy"),
-        departs_s=lambda role: departs_s[role],
+        drive_starts=lambda role: tuple(map(DriveStart, departs_s[role])),
         field_of=lambda role: np.stack([tallies(TRUTH, seed) for seed in drives[role]])[: 4 * len(departs_s[role])],
     )
     evidence = independent_evidence(START, np.full(3, np.inf))

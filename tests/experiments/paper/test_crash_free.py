@@ -41,7 +41,7 @@ def values_of(draw: int) -> Iterator[np.ndarray]:
 
 
 def look(monkeypatch: pytest.MonkeyPatch, problem: CalibrationProblem, limit: float) -> tuple[int, Sumo]:
-    sumo = Sumo(limit, problem.departs_s("fit")[-1], [])
+    sumo = Sumo(limit, problem.drive_starts("fit")[-1].depart_s, [])
 
     @contextmanager
     def engine(of: CalibrationProblem) -> Iterator[Sumo]:
@@ -57,8 +57,8 @@ def test_the_first_draw_without_a_crash_in_any_pattern(
 ):
     draw, sumo = look(monkeypatch, small_problem, limit=1.0)
     assert draw == 3  # 0 and 1 crash with the heavy demand, 2 has no result with the light one
-    departs_s = small_problem.departs_s("fit")
-    assert {request.depart_s for request in sumo.asked} == {departs_s[0], departs_s[-1]}
+    starts = small_problem.drive_starts("fit")
+    assert {request.depart_s for request in sumo.asked} == {starts[0].depart_s, starts[-1].depart_s}
     # a draw that crashes with one demand is not run with the next
     assert len(sumo.asked) == 2 * (1 + 1 + 2 + 2)
 

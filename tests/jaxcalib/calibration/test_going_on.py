@@ -9,11 +9,14 @@ from jaxcalib.calibration import value_search
 from jaxcalib.calibration.stages.budget import Budget
 from jaxcalib.runs.progress import Silent
 from jaxcalib.runs.session import open_session
+from sim_adapters.interface import DriveStart
 
 PLAN: Any = Budget(8, 16, 16, 64, 32, 5, 2, 64, 2, 2, 3)
 
 
-PROBLEM: Any = SimpleNamespace(layout=SimpleNamespace(names=("main", "tau", "accel")), departs_s=lambda role: (300.0,))
+PROBLEM: Any = SimpleNamespace(
+    layout=SimpleNamespace(names=("main", "tau", "accel")), drive_starts=lambda role: (DriveStart(300.0),)
+)
 A_POLISH = (len(PROBLEM.layout.names) + 6) * PLAN.polish_runs
 MAPPING = PLAN.most_mappings * 2 * PLAN.confirmation_runs  # two finalists a step
 POLISHING = PLAN.most_polishes * A_POLISH + PLAN.confirmation_runs

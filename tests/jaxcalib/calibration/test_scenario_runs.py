@@ -11,7 +11,7 @@ from jaxcalib.calibration import scenario_runs
 from jaxcalib.calibration.confirmation.final_errors import FinalRuns
 from jaxcalib.calibration.scenario_runs import scenario_warnings, start_scenario_runs
 from jaxcalib.calibration.stages.evaluator import AllRunsFailedError
-from sim_adapters.interface import RunOutcome, RunRequest, Status
+from sim_adapters.interface import DriveStart, RunOutcome, RunRequest, Status
 
 OUTCOME = RunOutcome(RunRequest((1.0,), 3, 60.0), Status.OK, np.ones(4), np.asarray([100, 20]), np.asarray([99, 20]), 0)
 MISSING = replace(OUTCOME, status=Status.SUBJECT_MISSING, observed=None)
@@ -45,7 +45,7 @@ def test_demand_that_finds_no_room_is_told_with_its_share() -> None:
 
 PROBLEM: Any = SimpleNamespace(
     template=SimpleNamespace(base_values=lambda: np.asarray([1.0])),
-    departs_s=lambda role: (60.0,),
+    drive_starts=lambda role: (DriveStart(60.0),),
     tally_names=("a", "b", "c", "d"),
 )
 PLAN: Any = SimpleNamespace(final_fit_runs=2, noise_runs=4)

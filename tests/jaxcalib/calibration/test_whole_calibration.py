@@ -175,7 +175,7 @@ def test_the_scenario_handed_over_runs_in_plain_sumo_bit_for_bit_like_the_confir
 
     values = json.loads((out / "result.json").read_text())["parameters"]
     problem = read_problem(case)
-    first_s = problem.departs_s("fit")[0]
+    first_s = problem.drive_starts("fit")[0].depart_s
     vector = [*values["demand"].values(), *values["behaviour"]["car"].values()]
     written = write_scenario(problem.scenario, problem.layout, vector, first_s, "ego", tmp_path, "run")
     traces = []

@@ -27,8 +27,8 @@ COMMANDS: dict[str, Command] = {
 
 
 def requests_of(problem: CalibrationProblem, num_runs: int) -> list[RunRequest]:
-    values, departs_s = tuple(problem.template.base_values().tolist()), problem.departs_s("fit")
-    return [RunRequest(values, 40 + run, departs_s[run % len(departs_s)]) for run in range(num_runs)]
+    values, starts = tuple(problem.template.base_values().tolist()), problem.drive_starts("fit")
+    return [RunRequest(values, 40 + run, starts[run % len(starts)].depart_s) for run in range(num_runs)]
 
 
 def test_without_a_cluster_runs_stay_here():

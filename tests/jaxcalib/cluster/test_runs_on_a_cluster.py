@@ -36,7 +36,8 @@ FOLDERS = re.compile(r"/\S*/")
 
 def mixed_requests(problem: CalibrationProblem) -> list[RunRequest]:
     """Runs of every kind: drives that share one, an effect, one that SUMO refuses, and plain ones."""
-    values, (first_s, *_, last_s) = tuple(problem.template.base_values().tolist()), problem.departs_s("fit")
+    values = tuple(problem.template.base_values().tolist())
+    first_s, *_, last_s = (start.depart_s for start in problem.drive_starts("fit"))
     refused = list(values)
     refused[problem.layout.names.index("decel")] = -4.5
     both_s = (first_s, last_s + 40.0)

@@ -3,16 +3,12 @@
 import re
 from collections.abc import Callable
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any
 
 import pandas as pd
 import pytest
 
 from jaxcalib.errors import CaseError
 from jaxcalib.problem.problem import read_problem
-from jaxcalib.problem.problem_checks import parts_warnings
-from sim_adapters.world.recorded_parts import WHOLE_M, RecordedParts
 from tests.copies import copy_corridor
 
 HALF_M = ((-float("inf"), 800.0),)
@@ -76,19 +72,3 @@ def test_an_input_without_vehicles_is_refused(folder: Path):
     file.write_text(flows)
     with pytest.raises(CaseError, match=r"SUMO refuses the scenario: .*f_on1"):
         read_problem(folder)
-
-
-@pytest.mark.parametrize(
-    ("held_out", "warns"),
-    [((300.0, HALF_M), True), ((300.0, WHOLE_M), False), ((320.0, HALF_M), False)],
-)
-def test_parts_that_differ_between_roles_are_told_where_departures_do_not(held_out: tuple[float, Any], warns: bool):
-    departs_s = {"fit": (300.0, 340.0), "held_out": held_out[:1]}
-    case: Any = SimpleNamespace(
-        drives_of=lambda role: [SimpleNamespace(depart_s=depart_s) for depart_s in departs_s[role]]
-    )
-    recorded = [RecordedParts(300.0), RecordedParts(340.0, HALF_M), RecordedParts(*held_out)]
-    lines = parts_warnings(case, recorded)
-    assert bool(lines) == warns
-    assert all("depart at 300 s cover different parts" in line for line in lines)
-    assert parts_warnings(case, ()) == []

@@ -6,13 +6,13 @@ import pytest
 
 from jaxcalib.runs.journal import Journal
 from sim_adapters.atomic_file import write_atomically
-from sim_adapters.interface import RunOutcome, RunRequest, Status
+from sim_adapters.interface import NO_DRIVE, RunOutcome, RunRequest, Status
 from surrogate.effects.base import EffectSetting
 
 
 def outcome(seed: int, status: Status = Status.OK) -> RunOutcome:
     observed = np.asarray([0.1 * seed, np.pi, -3.0], np.float32) if status.is_ok else None
-    request = RunRequest((1234.5, 0.1 + seed / 3.0), seed, 320.0)
+    request = RunRequest((1234.5, 0.1 + seed / 3.0), seed, 320.0, drive=7 if seed == 2 else NO_DRIVE)
     return RunOutcome(
         request, status, observed, np.asarray([7, 2]), np.asarray([6, 2]), 3, 1, 5 * seed, 99, seed != 3, 0.25,
         "" if status.is_ok else "end",
@@ -40,6 +40,8 @@ def test_what_was_added_is_found_again_bit_for_bit(tmp_path: Path):
     assert again.find("surrogate", made[0].request) is not None
     assert again.clock() - before == pytest.approx(1.5, abs=0.2)
     assert again.find("sumo", made[0].request) is None
+    assert again.find("surrogate", replace(made[1].request, drive=NO_DRIVE)) is None
+    assert again.find("surrogate", replace(made[0].request, drive=7)) is None
 
 
 def test_a_run_whose_simulator_died_is_made_again_by_whoever_resumes(tmp_path: Path):

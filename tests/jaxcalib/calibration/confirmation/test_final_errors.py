@@ -18,9 +18,9 @@ from jaxcalib.calibration.stages.evaluator import AllRunsFailedError
 from jaxcalib.case.case import Role
 from jaxcalib.runs.seeds import FINAL_SEEDS, SEEDS_PER_CALIBRATION
 from jaxcalib.runs.session import open_session
-from sim_adapters.interface import RunOutcome, RunRequest, Status
+from sim_adapters.interface import DriveStart, RunOutcome, RunRequest, Status
 
-DEPARTS_S = (300.0, 340.0, 300.0)
+STARTS = (DriveStart(300.0), DriveStart(340.0), DriveStart(300.0))
 
 
 def outcome(depart_s: float, value: float, status: Status = Status.OK) -> RunOutcome:
@@ -38,16 +38,28 @@ def test_other_runs_stand_for_the_drives_that_depart_as_they_do_in_turn():
         outcome(300.0, 11),
         outcome(300.0, 12),
     )
-    found = with_outcomes(runs, DEPARTS_S, more)
+    found = with_outcomes(runs, STARTS, more)
     assert found.tally[:, 0].tolist() == [1.0, 5.0, 7.0, 8.0, 11.0, 12.0]
     assert found.drive.tolist() == [0, 1, 1, 0, 2, 0]
     assert len(found.outcomes) == 6
 
 
+def test_runs_stand_for_the_drives_that_they_name_alone():
+    """Drives 4 and 6 are logged on a part of the route: a run that is observed on all of it stands for neither."""
+    starts = (DriveStart(300.0, 4), DriveStart(300.0), DriveStart(300.0, 6))
+    of_part, of_all = outcome(300.0, 8), outcome(300.0, 9)
+    of_part = replace(of_part, request=replace(of_part.request, drive=6))
+    other = replace(of_part, request=replace(of_part.request, drive=5))
+    runs = FinalRuns(np.zeros((0, 2)), np.zeros(0, int), ())
+    found = with_outcomes(runs, starts, (of_part, of_all, other))
+    assert found.tally[:, 0].tolist() == [8.0, 9.0]
+    assert found.drive.tolist() == [2, 1]
+
+
 def test_without_any_that_fit_the_runs_stay_as_they_are():
     runs = FinalRuns(np.asarray([[1.0, 2.0]]), np.asarray([0]), (outcome(300.0, 1),))
-    assert with_outcomes(runs, DEPARTS_S, (outcome(320.0, 3), outcome(300.0, 4, Status.FAILED))) is runs
-    assert with_outcomes(runs, DEPARTS_S, ()) is runs
+    assert with_outcomes(runs, STARTS, (outcome(320.0, 3), outcome(300.0, 4, Status.FAILED))) is runs
+    assert with_outcomes(runs, STARTS, ()) is runs
 
 
 def test_drives_may_share_runs_and_each_is_made_equally_often():
@@ -58,7 +70,7 @@ def test_drives_may_share_runs_and_each_is_made_equally_often():
         return lambda: [replace(outcome(one.depart_s, one.depart_s + one.seed), request=one) for one in requests]
 
     departs_s = (300.0, 320.0, 360.0, 300.0, 320.0, 360.0)
-    problem: Any = SimpleNamespace(departs_s=lambda role: departs_s, tally_names=("a", "b"))
+    problem: Any = SimpleNamespace(drive_starts=lambda role: tuple(map(DriveStart, departs_s)), tally_names=("a", "b"))
     sumo: Any = SimpleNamespace(start=start)
     with open_session(None, {}, seed=3) as session:
         runs = start_final_runs(problem, sumo, np.ones(1), "held_out", 12, session, shares_runs=True)()
@@ -81,7 +93,9 @@ def test_held_out_drives_none_of_which_can_be_run_leave_no_errors_and_a_warning(
         return lambda: [outcome(one.depart_s, one.seed, Status.SUBJECT_MISSING) for one in requests]
 
     problem: Any = SimpleNamespace(
-        departs_s=lambda role: (300.0, 320.0), tally_names=("a", "b"), field_of=lambda role: np.ones((2, 2))
+        drive_starts=lambda role: (DriveStart(300.0), DriveStart(320.0)),
+        tally_names=("a", "b"),
+        field_of=lambda role: np.ones((2, 2)),
     )
     sumo: Any = SimpleNamespace(start=start)
     with open_session(None, {}, seed=3) as session:
@@ -102,7 +116,9 @@ def test_held_out_drives_none_of_which_can_be_run_leave_no_errors_and_a_warning(
 
 def test_runs_for_one_role_serve_the_other_each_drive_equally_often():
     """The drives to fit depart at 300 and 340 s, the one held out at 340 s: its run may stand for the second."""
-    problem = SimpleNamespace(departs_s={"fit": (300.0, 340.0), "held_out": (340.0,)}.__getitem__)
+    problem = SimpleNamespace(
+        drive_starts={"fit": (DriveStart(300.0), DriveStart(340.0)), "held_out": (DriveStart(340.0),)}.__getitem__
+    )
     fit = FinalRuns(np.asarray([[1.0, 2.0], [3.0, 6.0]]), np.arange(2), (outcome(300.0, 1), outcome(340.0, 3)))
     held_out = FinalRuns(np.asarray([[5.0, 10.0]]), np.asarray([0]), (outcome(340.0, 5),))
     runs = {"fit": fit, "held_out": held_out}
