@@ -5,7 +5,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from jaxcalib.measures.fold import Fold
+from jaxcalib.measures.fold import Fold, indexed
 from jaxcalib.measures.scene import MeasureSettings, Memory, look, nothing_remembered, remember
 from surrogate.road.perception import PerceptionFrame
 from surrogate.xla.materialise import materialise
@@ -87,8 +87,16 @@ class DriveTally(eqx.Module):
         return self.finish(state)
 
     def _vector(self, values: dict[str, Array]) -> Float[Array, " tally"]:
-        unknown = set(values) - set(self.names)
-        if unknown:
-            raise KeyError(f"a fold counts what it does not name: {sorted(unknown)}")
-        zero = jnp.zeros((), jnp.float32)
-        return jnp.stack([values.get(name, zero) for name in self.names]).astype(jnp.float32)
+        """Return numbers by name, and arrays by the name before the index, in the order of all names."""
+        names, left, parts = list(self.names), dict(values), []
+        while names:
+            name = names[0] if names[0] in left else names[0].removesuffix("[0]")
+            part = left.pop(name, jnp.zeros(()))
+            own = indexed(name, len(part)) if part.ndim else names[:1]
+            if names[: len(own)] != list(own):
+                raise KeyError(f"a fold counts {len(own)} numbers as {name}, for which it does not have as many names")
+            del names[: len(own)]
+            parts.append(jnp.atleast_1d(part))
+        if left:
+            raise KeyError(f"a fold counts what it does not name: {sorted(left)}")
+        return jnp.concatenate(parts).astype(jnp.float32)

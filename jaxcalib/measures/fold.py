@@ -26,7 +26,7 @@ class Fold(eqx.Module):
 
     @abc.abstractmethod
     def count(self, scene: Scene) -> dict[str, Array]:
-        """A scene's part of the tallies, by name; tallies left out get nothing."""
+        """A scene's part of the tallies, by name, or arrays as `by_index` gives them; tallies left out get nothing."""
 
     def track_names(self) -> tuple[str, ...]:
         """Names of the sums over frames for each vehicle."""
@@ -47,8 +47,11 @@ def indexed(name: str, number: int) -> tuple[str, ...]:
 
 
 def by_index(name: str, values: Float[Array, " index"]) -> dict[str, Array]:
-    """Return an array of increments under the names that `indexed` gives."""
-    return {f"{name}[{index}]": values[index] for index in range(values.shape[0])}
+    """Return an array of increments for the names that `indexed` gives.
+
+    It stays one array, under the name without index: each of its numbers alone would be three operations to compile.
+    """
+    return {name: values}
 
 
 def within(values: Float[Array, " object"], border: Float[Array, " border"]) -> Bool[Array, "class object"]:

@@ -23,7 +23,7 @@ from jaxcalib.errors import CaseError
 from jaxcalib.problem.settings import Settings
 from jaxcalib.runs.progress import Silent
 from sim_adapters.interface import ParameterLayout
-from tests.jaxcalib.calibration.toy import SPACE, TRUTH, ToySimulator, toy_objective
+from tests.jaxcalib.calibration.toy import SPACE, TRUTH, ToySimulator, starts_at, toy_objective
 
 
 def trial(method: str, pattern: int, repetition: int, seed: int) -> Trial:
@@ -126,14 +126,14 @@ def test_the_state_of_the_art_keeps_to_its_runs_and_finds_the_truth(monkeypatch:
         accuracy=lambda pooled: 1.0 - np.sqrt(np.mean((objective.moments.values(pooled) / objective.field - 1) ** 2, 1))
     )
     monkeypatch.setattr(state_of_the_art, "volumes_and_speeds", lambda problem: known)
-    evaluator = Evaluator(ToySimulator(), (300.0, 320.0), 50)
+    evaluator = Evaluator(ToySimulator(), starts_at(300.0, 320.0), 50)
     problem: Any = None
     best = state_of_the_art.search(
         problem, SPACE, np.full(3, 0.5), evaluator, 4, 8000, None, 3, lambda accuracy: None
     )  # fmt: skip
     assert 7000 < evaluator.num_runs <= 8000 + 20 * 4
     assert best == pytest.approx(TRUTH, abs=0.2)
-    early = Evaluator(ToySimulator(), (300.0, 320.0), 50)
+    early = Evaluator(ToySimulator(), starts_at(300.0, 320.0), 50)
     state_of_the_art.search(problem, SPACE, np.full(3, 0.5), early, 4, 8000, 0.5, 3, lambda accuracy: None)
     assert early.num_runs < 300  # the threshold ends it
 

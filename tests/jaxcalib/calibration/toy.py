@@ -11,7 +11,7 @@ from jaxcalib.calibration.stages.evaluator import Evaluator
 from jaxcalib.calibration.stages.search_run import SearchRun
 from jaxcalib.measures.measure import Level
 from jaxcalib.problem.parameter_space import ParameterSpace, Range
-from sim_adapters.interface import ParameterLayout, RunOutcome, RunRequest, Status
+from sim_adapters.interface import DriveStart, ParameterLayout, RunOutcome, RunRequest, Status
 
 LAYOUT = ParameterLayout(("main",), (("f",),), ("car",), ("tau", "minGap"))
 SPACE = ParameterSpace(LAYOUT, (Range(1000.0, 2000.0), Range(0.4, 3.0, True), Range(0.5, 6.0, True)))
@@ -52,6 +52,11 @@ def tallies(unit: np.ndarray, seed: int) -> np.ndarray:
     return np.concatenate([COUNT * (OFFSET + RESPONSE @ unit + noise), np.full(len(OFFSET), COUNT), [1.0]])
 
 
+def starts_at(*departs_s: float) -> tuple[DriveStart, ...]:
+    """Return drives that nothing but their departures tells apart."""
+    return tuple(map(DriveStart, departs_s))
+
+
 def toy_moments() -> Moments:
     places = np.arange(len(OFFSET))
     levels = (Level.TRAFFIC, Level.VEHICLE, Level.VEHICLE, Level.TRAFFIC)
@@ -66,5 +71,5 @@ def toy_objective(evidence: Evidence | None = None, num_drives: int = 8) -> Obje
 
 
 def toy_run(simulator: ToySimulator | None = None, objective: Objective | None = None) -> SearchRun:
-    evaluator = Evaluator(simulator or ToySimulator(), (300.0, 320.0), 50)
+    evaluator = Evaluator(simulator or ToySimulator(), starts_at(300.0, 320.0), 50)
     return SearchRun(evaluator, SPACE, objective or toy_objective())

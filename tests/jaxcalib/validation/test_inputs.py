@@ -16,7 +16,7 @@ from jaxcalib.validation.calibrated_run import CalibratedRun, read_calibrated_ru
 from jaxcalib.validation.counts import count_criteria, count_volumes, read_counts
 from jaxcalib.validation.rounds import complete_rounds, round_requests
 from jaxcalib.validation.validate import validate
-from sim_adapters.interface import ParameterLayout, RunOutcome, RunRequest, Status
+from sim_adapters.interface import DriveStart, ParameterLayout, RunOutcome, RunRequest, Status
 from tests.places import CORRIDOR
 
 
@@ -105,7 +105,7 @@ def test_a_run_without_result_is_refused_before_anything_is_written(tmp_path: Pa
 
 
 def test_no_two_runs_share_a_seed():
-    requests = round_requests(CalibratedRun((1.0,), 3_000_000, ()), (300.0, 320.0, 300.0), 4)
+    requests = round_requests(CalibratedRun((1.0,), 3_000_000, ()), tuple(map(DriveStart, (300.0, 320.0, 300.0))), 4)
     assert [one.seed for one in requests] == list(range(3_500_000, 3_500_012))
     assert [one.depart_s for one in requests] == [300.0, 320.0, 300.0] * 4
 

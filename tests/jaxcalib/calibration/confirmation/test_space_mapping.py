@@ -15,11 +15,11 @@ from jaxcalib.calibration.stages.budget import Budget
 from jaxcalib.calibration.stages.evaluator import Evaluator
 from jaxcalib.calibration.stages.search_run import SearchRun
 from jaxcalib.runs.session import Session, open_session
-from tests.jaxcalib.calibration.toy import SPACE, TRUTH, ToySimulator, toy_objective
+from tests.jaxcalib.calibration.toy import SPACE, TRUTH, ToySimulator, starts_at, toy_objective
 
 SHIFT = np.asarray([-0.15, 0.1, -0.2])  # the surrogate drives as SUMO does at values so far away
 BUDGET = Budget(8, 16, 16, 64, 32, 5, 2, 64, 2, 2, 3)
-DEPARTS_S = (300.0, 320.0)
+STARTS = starts_at(300.0, 320.0)
 
 
 @pytest.fixture
@@ -29,7 +29,7 @@ def session() -> Iterator[Session]:
 
 
 def finals_of(session: Session, sumo: ToySimulator, shift: np.ndarray | float = SHIFT) -> Finals:
-    evaluators = (Evaluator(simulator, DEPARTS_S, 50) for simulator in (ToySimulator(shift=shift), sumo))
+    evaluators = (Evaluator(simulator, STARTS, 50) for simulator in (ToySimulator(shift=shift), sumo))
     return Finals(SPACE, *evaluators, plan=BUDGET, session=session)
 
 

@@ -19,7 +19,7 @@ from jaxcalib.runs.session import open_session
 from jaxcalib.search.evaluation import SearchStatus
 from jaxcalib.search.optimiser import Optimiser, RoundInfo, Setting, Told
 from jaxcalib.search.registry import OPTIMISERS
-from tests.jaxcalib.calibration.toy import LAYOUT, SPACE, TRUTH, ToySimulator, toy_objective
+from tests.jaxcalib.calibration.toy import LAYOUT, SPACE, TRUTH, ToySimulator, starts_at, toy_objective
 
 BUDGET = Budget(4, 8, 12, 8, 32, 1, 1, 2, 2, 2, 0, 100)
 START = SPACE.values_of(np.full((1, 3), 0.5))[0]
@@ -38,7 +38,7 @@ def search(
     initial: Any = SimpleNamespace(
         space=SPACE, values=START, scenario_values=scenario_values, unit_error=np.full(3, np.inf)
     )
-    evaluator = Evaluator(ToySimulator(), (300.0, 320.0), 50)
+    evaluator = Evaluator(ToySimulator(), starts_at(300.0, 320.0), 50)
     settings = Settings(without=("gradients", *without), **options)
     with open_session(None, {}, seed=1) as session:
         return two_stage.search_two_stages(problem, initial, evaluator, settings, BUDGET, session), evaluator

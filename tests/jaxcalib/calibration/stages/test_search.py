@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from jaxcalib.calibration.objective.evidence import independent_evidence
-from jaxcalib.calibration.stages.evaluator import AllRunsFailedError, Evaluator
+from jaxcalib.calibration.stages.evaluator import Evaluator
 from jaxcalib.calibration.stages.local_surface import local_surface
 from jaxcalib.calibration.stages.optimisation import could_be_lower, optimise, polish, polish_config, polish_on
 from jaxcalib.calibration.stages.screening import screen, smallest_array
@@ -14,7 +14,7 @@ from jaxcalib.search import TrustRegionConfig
 from jaxcalib.search.least_squares.response_surface import ResponseSurface
 from jaxcalib.search.optimiser import Setting
 from jaxcalib.search.optimisers.saga import Saga
-from tests.jaxcalib.calibration.toy import RESPONSE, SPACE, TRUTH, ToySimulator, toy_objective, toy_run
+from tests.jaxcalib.calibration.toy import RESPONSE, SPACE, TRUTH, ToySimulator, starts_at, toy_objective, toy_run
 
 WHOLE = search_box(np.full(3, 0.5), range(3), np.full(3, 0.5))
 START = np.full(3, 0.5)
@@ -92,7 +92,7 @@ def test_a_polish_at_the_truth_seldom_goes_on():
     for seed in range(60):
         known = TRUTH + error * np.random.default_rng(seed).standard_normal(3)
         objective = toy_objective(independent_evidence(known, error), num_drives=4000)
-        run = SearchRun(Evaluator(ToySimulator(), (300.0, 320.0), 1000 * seed), SPACE, objective)
+        run = SearchRun(Evaluator(ToySimulator(), starts_at(300.0, 320.0), 1000 * seed), SPACE, objective)
         done, _ = polish_on(run, TRUTH, np.full(3, 0.05), 32, polish_config(0.25), "optimise", most=20)
         assert not done.is_on_its_way
         goes_on.append(len(done.rounds) > 2)
@@ -121,59 +121,6 @@ def test_residuals_along_the_slopes_could_be_lower():
     assert could_be_lower(_surface(residual, slope))
     assert not could_be_lower(_surface(residual, np.zeros_like(slope)))
     assert not could_be_lower(_surface(residual[:12], slope[:12])), "as many parameters as residuals explain all"
-
-
-def test_all_candidates_run_the_same_seeds_and_each_drive_equally_often():
-    simulator = ToySimulator()
-    evaluator = Evaluator(simulator, (300.0, 320.0, 300.0, 320.0), 70)
-    evaluator.evaluate(SPACE.values_of(np.asarray([[0.1, 0.2, 0.3], [0.4, 0.5, 0.6]])), 6)
-    first, second = simulator.requests[:6], simulator.requests[6:]
-    assert [r.seed for r in first] == [r.seed for r in second] == list(range(70, 76))
-    assert [r.depart_s for r in first] == [300.0, 320.0] * 3
-    assert evaluator.rounds_of(5) == 4
-
-
-def test_drives_that_share_a_run_have_its_seed_and_know_of_each_other():
-    simulator = ToySimulator()
-    evaluator = Evaluator(simulator, (300.0, 320.0, 380.0, 300.0, 320.0, 380.0), 70, shares_runs=True)
-    evaluator.evaluate(SPACE.values_of(START[None]), 6)
-    made = [(one.seed, one.depart_s, one.also_depart_s) for one in simulator.requests]
-    first = [(70, 300.0, (380.0,)), (71, 320.0, ()), (70, 380.0, (300.0,))]
-    assert made == first + [(seed + 2, *others) for seed, *others in first]
-    assert evaluator.worth(6) == pytest.approx(4 + 0.7 * 2)
-
-
-def test_drives_that_depart_together_never_share_a_run():
-    simulator = ToySimulator()
-    evaluator = Evaluator(simulator, (300.0, 380.0, 300.0), 1, shares_runs=True)
-    evaluator.evaluate(SPACE.values_of(START[None]), 6)
-    departures = [(one.seed, one.depart_s) for one in simulator.requests]
-    assert len(set(departures)) == 6
-    assert all(one.depart_s not in one.also_depart_s for one in simulator.requests)
-    assert Evaluator(simulator, (300.0, 380.0), 1).worth(6) == 6
-
-
-def test_nothing_but_failures_is_said_plainly():
-    evaluator = Evaluator(ToySimulator(failing=(0.0, 1.0)), (300.0,), 1)
-    with pytest.raises(AllRunsFailedError, match="all 3 runs failed"):
-        evaluator.evaluate(SPACE.values_of(START[None]), 3)
-
-
-def test_a_round_without_success_is_survived_once_something_has_succeeded():
-    simulator = ToySimulator()
-    evaluator = Evaluator(simulator, (300.0,), 1)
-    evaluator.evaluate(SPACE.values_of(START[None]), 2)
-    simulator.failing = (0.0, 1.0)
-    found = evaluator.evaluate(SPACE.values_of(START[None]), 3)
-    assert not found.is_ok.any()
-    assert np.isnan(found.pooled).all()
-
-
-def test_runs_take_every_drive_equally_often_where_departures_are_uneven():
-    simulator = ToySimulator()
-    evaluator = Evaluator(simulator, (300.0, 320.0, 300.0), 1)
-    evaluator.evaluate(SPACE.values_of(START[None]), evaluator.rounds_of(5))
-    assert [request.depart_s for request in simulator.requests] == [300.0, 320.0, 300.0] * 2
 
 
 def test_surface_through_all_candidates_knows_the_slopes():

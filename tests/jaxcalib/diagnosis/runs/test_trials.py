@@ -3,7 +3,7 @@
 from typing import Any, cast
 
 from jaxcalib.diagnosis.runs.trials import Trial, TrialRunner
-from sim_adapters.interface import RunOutcome, RunRequest, Status
+from sim_adapters.interface import DriveStart, RunOutcome, RunRequest, Status
 
 DEPARTS_S = (300.0, 340.0, 380.0)
 
@@ -22,7 +22,8 @@ class Engine:
 
 def asked(*trials: Trial) -> list[tuple[tuple[float, ...], int, float]]:
     engine, nothing = Engine(), cast(Any, None)
-    TrialRunner(cast(Any, engine), nothing, nothing, DEPARTS_S, 70, 0.5).run(trials, lambda number: None)
+    starts = tuple(map(DriveStart, DEPARTS_S))
+    TrialRunner(cast(Any, engine), nothing, nothing, starts, 70, 0.5).run(trials, lambda number: None)
     return engine.asked
 
 

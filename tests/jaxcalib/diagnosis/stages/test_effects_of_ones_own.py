@@ -35,7 +35,7 @@ from jaxcalib.diagnosis.runs.trials import TrialRunner
 from jaxcalib.diagnosis.stages.tried import Tried, try_effects
 from jaxcalib.runs.progress import Silent
 from jaxcalib.runs.stopwatch import Stopwatch
-from sim_adapters.interface import ParameterLayout, RunRequest, Status
+from sim_adapters.interface import DriveStart, ParameterLayout, RunRequest, Status
 from surrogate.car_following.idm import Idm
 from surrogate.effects import registry
 from surrogate.effects.apply import classes_with_effects, with_memories
@@ -243,7 +243,7 @@ def null(entered: None) -> Null:
         if registry.effect_named(name).is_sensor_s
     }
     engine = PlatoonEngine()
-    runner = TrialRunner(cast(Any, engine), cast(Any, engine), features, (0.0,), 9000, FRAME_S)
+    runner = TrialRunner(cast(Any, engine), cast(Any, engine), features, (DriveStart(0.0),), 9000, FRAME_S)
     trials = runner.run(parameter_trials(LAYOUT, VALUES, NUM_TRIAL), lambda number: None)
     return Null(features, NullRuns(drives(tables, features), altered), runner, trials)
 
