@@ -2,13 +2,17 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from jaxcalib.measures.drive_tally import DriveTally
+from jaxcalib.measures.fold import Fold, by_index, indexed
 from jaxcalib.measures.measure import Measure
+from jaxcalib.measures.scene import Scene
 from sim_adapters.frame_table import ObjectTable, SubjectTable, stack_frames
 from surrogate.road.perception import NO_TRACK, PerceptionFrame
 from tests.jaxcalib.measures.hand_made import EGO, NUM_PLACES, Car, drive, instant, random_drive
@@ -215,3 +219,56 @@ def test_vehicles_beyond_the_table_of_tracks_are_seen_but_not_remembered(count: 
     assert tallies["vehicle_frames"] == 6
     assert tallies["background_lane_changes"] == 1
     assert tallies["observed_vehicles"] == 1
+
+
+class Counts(Fold):
+    """A fold that names four tallies, three of them by index, and counts what it is told."""
+
+    counted: dict[str, Any]
+
+    def names(self) -> tuple[str, ...]:
+        return ("before", *indexed("by_bin", 3), "after")
+
+    def count(self, scene: Scene) -> dict[str, Any]:
+        return self.counted
+
+    def track_names(self) -> tuple[str, ...]:
+        return ("frames",)
+
+    def count_per_track(self, scene: Scene) -> dict[str, Any]:
+        return {"frames": scene.is_vehicle.astype(float)}
+
+
+def counted_by(tally: DriveTally, counted: dict[str, Any]) -> list[float]:
+    fold = Counts(counted)
+    own = DriveTally(tally.settings, (fold,))
+    frames = drive(*(instant(0.5 * number, Car(EGO, 0, 300.0, 20.0)) for number in range(2)))
+    return np.asarray(own.of_frames(jax.tree.map(jnp.asarray, frames))).tolist()
+
+
+@pytest.mark.parametrize(
+    ("counted", "expected"),
+    [
+        ({"after": 4.0, **by_index("by_bin", jnp.asarray([1.0, 2.0, 3.0])), "before": 0.5}, [1.0, 2.0, 4.0, 6.0, 8.0]),
+        ({"by_bin[1]": 2.0, "before": 0.5}, [1.0, 0.0, 4.0, 0.0, 0.0]),
+        ({}, [0.0] * 5),
+    ],
+    ids=["an array", "one of its numbers", "nothing"],
+)
+def test_what_a_fold_counts_stands_where_its_names_do(
+    tally: DriveTally, counted: dict[str, Any], expected: list[float]
+):
+    assert counted_by(tally, {name: jnp.asarray(value) for name, value in counted.items()}) == expected
+
+
+@pytest.mark.parametrize(
+    ("counted", "message"),
+    [
+        ({"else": 1.0}, "does not name: .*else"),
+        ({"by_bin": [1.0, 2.0, 3.0, 4.0]}, "counts 4 numbers as by_bin"),
+        ({"after": [1.0]}, "counts 1 numbers as after"),
+    ],
+)
+def test_what_it_does_not_name_is_refused(tally: DriveTally, counted: dict[str, Any], message: str):
+    with pytest.raises(KeyError, match=message):
+        counted_by(tally, {name: jnp.asarray(value) for name, value in counted.items()})
