@@ -12,7 +12,7 @@ from jaxcalib.calibration.confirmation.agreement import Agreement, compare_secti
 from jaxcalib.calibration.confirmation.confirmation import Confirmation, Finals, confirm
 from jaxcalib.calibration.confirmation.final_errors import FinalRuns
 from jaxcalib.calibration.confirmation.search_on import leaves_more_than_noise, search_on_in_sumo
-from jaxcalib.calibration.confirmation.space_mapping import search_mapped
+from jaxcalib.calibration.confirmation.space_mapping import can_be_mapped, search_mapped
 from jaxcalib.calibration.first_values import find_first_values, sumo_evaluator
 from jaxcalib.calibration.stages.budget import (
     Budget,
@@ -112,7 +112,7 @@ def search_values(
             agreements.append(agreement)
             if may_leave_surrogate and not agreement.holds:
                 session.progress.notes([f"{agreement}; so the search goes on with SUMO."])
-                going_on = with_mapping(plan, problem)
+                going_on = with_mapping(plan, problem) if can_be_mapped(confirmation) else plan
                 session.progress.plan(going_on.num_surrogate_runs, going_on.num_sumo_runs)
                 finals = Finals(initial.space, evaluator, confirming, plan, session)
                 confirmation = search_mapped(confirmation, found, finals)

@@ -36,6 +36,11 @@ SHARES = (0.5, 1.0)  # of a step, tried together
 Unit = Float[np.ndarray, " parameter"]
 
 
+def can_be_mapped(confirmation: Confirmation) -> bool:
+    """Whether there is noise to judge by; without any, what one simulator shows cannot take the place of the field."""
+    return not confirmation.objective.of_simulator().is_relative
+
+
 def search_mapped(confirmation: Confirmation, found: TwoStageResult, finals: Finals) -> Confirmation:
     """Take steps of space mapping from the best finalist, as long as SUMO finds them better.
 
@@ -47,9 +52,9 @@ def search_mapped(confirmation: Confirmation, found: TwoStageResult, finals: Fin
     Returns:
         The confirmation with the points tried as further finalists; they count equally often in SUMO as all others.
     """
-    objective = confirmation.objective.of_simulator()
-    if objective.is_relative:  # without noise, what one simulator shows cannot take the place of the field
+    if not can_be_mapped(confirmation):
         return confirmation
+    objective = confirmation.objective.of_simulator()
     search = _SurrogateSearch(finals, found)
     optimum = found.best
     for number in range(finals.plan.most_mappings):

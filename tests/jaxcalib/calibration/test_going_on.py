@@ -25,16 +25,23 @@ POLISHING = PLAN.most_polishes * A_POLISH + PLAN.confirmation_runs
 class Planned(Silent):
     """Notes by how much a search in SUMO grows."""
 
-    def __init__(self, done: list) -> None:
+    def __init__(self, done: list, has_noise: bool) -> None:
         self._done = done
+        self._mappings = PLAN.most_mappings if has_noise else 0
 
     def plan(self, num_surrogate_runs: int, num_sumo_runs: int) -> None:
-        assert num_surrogate_runs == PLAN.num_surrogate_runs + PLAN.most_mappings * A_POLISH
+        assert num_surrogate_runs == PLAN.num_surrogate_runs + self._mappings * A_POLISH
         self._done.append(num_sumo_runs - PLAN.num_sumo_runs)
 
 
 def went_on(
-    patch: pytest.MonkeyPatch, *, agrees: bool, beyond_noise: bool, may_leave: bool, takes_steps: bool = True
+    patch: pytest.MonkeyPatch,
+    *,
+    agrees: bool,
+    beyond_noise: bool,
+    may_leave: bool,
+    takes_steps: bool = True,
+    has_noise: bool = True,
 ) -> tuple[list, list]:
     """Return what was done after the confirmation, SUMO's further runs among it, and which points are on record."""
     done: list[str] = []
@@ -58,12 +65,13 @@ def went_on(
     patch.setattr(value_search, "in_sumo_alone", lambda *args: PLAN)
     patch.setattr(value_search, "search_two_stages", lambda *args: None)
     patch.setattr(value_search, "confirm", lambda *args: SimpleNamespace(after="confirm"))
+    patch.setattr(value_search, "can_be_mapped", lambda confirmation: has_noise)
     patch.setattr(value_search, "search_mapped", step("mapping"))
     patch.setattr(value_search, "search_on_in_sumo", step("SUMO"))
     patch.setattr(value_search, "leaves_more_than_noise", lambda confirmation: beyond_noise)
     patch.setattr(value_search, "_agreement_of_result", compared)
     nothing: Any = None
-    with open_session(None, {}, progress=Planned(done)) as session:
+    with open_session(None, {}, progress=Planned(done, has_noise)) as session:
         searched = value_search.search_values(
             PROBLEM, nothing, PLAN, nothing, nothing, session, nothing, may_leave_surrogate=may_leave
         )
@@ -93,6 +101,11 @@ def test_sumo_polishes_while_noise_explains_less_than_remains(monkeypatch: pytes
     done, compared = went_on(monkeypatch, agrees=False, beyond_noise=True, may_leave=True)
     assert done == [MAPPING, "mapping", MAPPING + POLISHING, "SUMO"]
     assert compared == [FOUND, ("at the values found with SUMO", "SUMO")]
+
+
+def test_without_noise_no_runs_of_a_mapping_are_planned(monkeypatch: pytest.MonkeyPatch):
+    done, _ = went_on(monkeypatch, agrees=False, beyond_noise=True, may_leave=True, has_noise=False)
+    assert done == [0, "mapping", POLISHING, "SUMO"]
 
 
 def test_a_search_that_is_to_stay_in_the_surrogate_does(monkeypatch: pytest.MonkeyPatch):
