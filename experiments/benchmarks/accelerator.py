@@ -61,13 +61,16 @@ def accelerator(
         Also write the table to experiments/results.
     """
     problem = read_problem(case)
-    depart_s = problem.drive_starts("fit")[0].depart_s
+    depart_s, drive = problem.drive_starts("fit")[0]
     engine = RoomySurrogate(problem, SPARE_CAPACITY, batch)
     engine.engine(0).prepare()
     first_compile_s = engine.compile_s
     rows = []
     for number in sets or [8192]:
-        requests = [RunRequest(values, seed, depart_s) for seed, values in enumerate(parameter_sets(problem, number))]
+        requests = [
+            RunRequest(values, seed, depart_s, drive=drive)
+            for seed, values in enumerate(parameter_sets(problem, number))
+        ]
         measured(engine, requests)  # compiles what dense runs need
         made = [measured(engine, requests) for _ in range(rounds)]
         rates = [rate for rate, _ in made]

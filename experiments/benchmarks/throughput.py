@@ -123,8 +123,10 @@ def measure_throughput(case: Path, sets: int, rounds: int) -> dict[str, Any]:
     cores = len(os.sched_getaffinity(0))
     prepare_devices(cores)
     problem = read_problem(case)
-    depart_s = problem.drive_starts("fit")[0].depart_s
-    requests = [RunRequest(values, seed, depart_s) for seed, values in enumerate(parameter_sets(problem, sets))]
+    depart_s, drive = problem.drive_starts("fit")[0]
+    requests = [
+        RunRequest(values, seed, depart_s, drive=drive) for seed, values in enumerate(parameter_sets(problem, sets))
+    ]
     with tempfile.TemporaryDirectory() as folder:
         jax.config.update("jax_compilation_cache_dir", folder)
         compile_s = {"cold": prepared(problem).compile_s, "cached": prepared(problem).compile_s}

@@ -39,10 +39,9 @@ def use(
     for number in range(rounds):
         requests = []
         for place in range(size):
+            depart_s, drive = starts[place % len(starts)]
             values = base * (1.0 + SPREAD * chance.uniform(-1.0, 1.0, len(base)))
-            requests.append(
-                RunRequest(tuple(map(float, values)), number * size + place, starts[place % len(starts)].depart_s)
-            )
+            requests.append(RunRequest(tuple(map(float, values)), number * size + place, depart_s, drive=drive))
         outcomes = run(requests)
         num_failed += sum(outcome.status is Status.FAILED for outcome in outcomes)
         if number + 1 == SETTLED:

@@ -13,7 +13,7 @@ from experiments.paper.study import CASES, trial_folder
 from experiments.paper.trial import TRIAL_FILE, read_trial
 from experiments.results.record import Row
 from jaxcalib.calibration.pipeline import calibrate
-from jaxcalib.calibration.stages.evaluator import Evaluator
+from jaxcalib.calibration.stages.evaluator import Evaluator, interleaved
 from jaxcalib.measures.measure import Measure
 from jaxcalib.measures.registry import safety_measures
 from jaxcalib.problem.engines import sumo_engine
@@ -110,7 +110,7 @@ def _tallies(
     field: CalibrationProblem, values: Sequence[float], first_seed: int, rounds: int
 ) -> Float[np.ndarray, " tally"]:
     """Return the tallies of SUMO's runs of all departures, pooled; departures share runs where they may."""
-    starts = sorted(set(field.drive_starts()))
+    starts = interleaved(field.drive_starts())
     with sumo_engine(field) as sumo:
         runs = Evaluator(sumo, starts, first_seed, shares_runs=field.template.can_share_runs)
         evaluations = runs.evaluate(np.asarray(values, float)[None], rounds * len(starts))

@@ -19,7 +19,7 @@ FIRST_COLUMNS = {
     "engine": (pa.dictionary(pa.int8(), pa.string()), "simulator: surrogate or sumo"),
     "seed": (pa.int64(), "seed of the run; the same seeds for every candidate"),
     "depart_s": (pa.float64(), "when the subject vehicle departs; runs take the drives' departures in turn"),
-    "drive": (pa.int32(), "number of its drive in the case, from 0, where that tells more than its departure"),
+    "drive": (pa.int32(), "number, from 0, of its drive among those with rows, if it tells more than depart_s"),
 }
 STATUS_COLUMNS = {
     "status": (pa.dictionary(pa.int8(), pa.string()), "OK, or why the run must not be used"),

@@ -233,8 +233,10 @@ def _volume_entry(volume: Volume) -> dict[str, Any]:
 
 def _count_requests(calibrated: CalibratedRun, requests: Sequence[RunRequest], seeds: int) -> list[RunRequest]:
     """Return runs in which vehicles are counted to the end, on seeds after those of the rounds."""
-    first, depart_s = requests[-1].seed + 1, min(request.depart_s for request in requests)
-    return [RunRequest(calibrated.values, first + number, depart_s) for number in range(seeds)]
+    first_seed, own = requests[-1].seed + 1, min(request.drive_start for request in requests)
+    return [
+        RunRequest(calibrated.values, first_seed + number, own.depart_s, drive=own.drive) for number in range(seeds)
+    ]
 
 
 def _counts_of(

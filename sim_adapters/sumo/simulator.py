@@ -94,7 +94,7 @@ class SumoSimulator:
             distant: which vehicles follow by another vType beyond the sensors' range.
             workers: who makes the runs, and outlives this; processes of its own unless given.
             draws_phases: whether flows at equal intervals have another phase in each run (`draw_phase`).
-            recorded: which parts of the route are observed, by departure; all of it unless given.
+            recorded: which parts of the route are observed, by number of the drive; all of it unless given.
 
         Raises:
             ValueError: frames are no whole number of steps apart.

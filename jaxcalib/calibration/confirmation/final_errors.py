@@ -197,7 +197,7 @@ def with_outcomes(runs: FinalRuns, starts: Sequence[DriveStart], more: tuple[Run
 
 
 def _drives_in_turn(of_runs: Sequence[DriveStart], starts: Sequence[DriveStart]) -> np.ndarray:
-    """Return which drive each run stands for: drives with equal departures take runs in turn."""
+    """Return which drive each run stands for: drives that are alike take runs in turn."""
     places: dict[DriveStart, list[int]] = {}
     for place, start in enumerate(starts):
         places.setdefault(start, []).append(place)

@@ -146,7 +146,7 @@ def in_rounds(starts: Sequence[DriveStart], num_runs: int) -> int:
 
 
 def interleaved(starts: Sequence[DriveStart]) -> list[DriveStart]:
-    """Return departures in an order in which any few in a row are at different times; runs take them in turn."""
+    """Return drives as runs take them in turn: alike ones once, those at one time apart; uneven ones as they come."""
     if not _is_even(starts):
         return list(starts)
     ordered = sorted(set(starts))

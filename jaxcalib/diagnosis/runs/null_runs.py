@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from jaxcalib.calibration.stages.evaluator import AllRunsFailedError
+from jaxcalib.calibration.stages.evaluator import AllRunsFailedError, interleaved
 from jaxcalib.diagnosis.features.drive_features import DriveFeatures
 from jaxcalib.diagnosis.features.features import DriveTallies, TallyBook, gather_tallies
 from jaxcalib.diagnosis.features.identities import count_identities
@@ -108,8 +108,8 @@ def sensor_strengths(effect: Effect, interval_s: float) -> tuple[float, ...]:
 
 
 def starts_of_runs(problem: CalibrationProblem) -> list[tuple[DriveStart, ...]]:
-    """Return the drives' departures, dealt to runs with several subject vehicles each."""
-    starts = sorted(set(problem.drive_starts()))
+    """Return the drives, dealt to runs with several subject vehicles each."""
+    starts = interleaved(problem.drive_starts())
     return starts_apart(starts) if problem.template.can_share_runs else [(one,) for one in starts]
 
 
@@ -142,7 +142,7 @@ def run_null(
         problem: the problem.
         features: what is counted.
         values: parameter values.
-        num_runs: number of runs; departures are those of the drives, in turn.
+        num_runs: number of runs; they stand for the drives in turn.
         num_altered: of how many drives altered versions are counted, too.
         alterations: effect and strength of each.
         first_seed: seed of run 0.

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from jaxcalib.calibration.stages.evaluator import interleaved
 from jaxcalib.diagnosis.features.drive_features import DriveFeatures
 from jaxcalib.diagnosis.features.frame_recorder import FrameRecorder
 from jaxcalib.diagnosis.runs.trials import TrialRunner
@@ -26,5 +27,5 @@ def trial_runner(
     engine = surrogate_engine(
         problem, SPARE_CAPACITY, observer=recorder, decision_interval_s=decision_interval_s
     ).with_effects()
-    starts = sorted(set(problem.drive_starts()))
+    starts = interleaved(problem.drive_starts())
     return TrialRunner(engine, recorder, features, starts, first_seed, problem.frame_interval_s)

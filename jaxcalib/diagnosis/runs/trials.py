@@ -31,7 +31,7 @@ class Trial:
 
 @dataclass(frozen=True)
 class TrialRunner:
-    """Runs trials with common random numbers: run k of each has the same seed and departure."""
+    """Runs trials with common random numbers: run k of each has the same seed and drive."""
 
     engine: JaxSimulator  # the surrogate, which records frames
     recorder: FrameRecorder  # its observer

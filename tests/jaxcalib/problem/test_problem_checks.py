@@ -11,8 +11,6 @@ from jaxcalib.errors import CaseError
 from jaxcalib.problem.problem import read_problem
 from tests.copies import copy_corridor
 
-HALF_M = ((-float("inf"), 800.0),)
-
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:

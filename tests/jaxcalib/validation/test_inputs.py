@@ -105,9 +105,10 @@ def test_a_run_without_result_is_refused_before_anything_is_written(tmp_path: Pa
 
 
 def test_no_two_runs_share_a_seed():
-    requests = round_requests(CalibratedRun((1.0,), 3_000_000, ()), tuple(map(DriveStart, (300.0, 320.0, 300.0))), 4)
+    starts = (DriveStart(300.0), DriveStart(320.0, 5), DriveStart(300.0, 3))
+    requests = round_requests(CalibratedRun((1.0,), 3_000_000, ()), starts, 4)
     assert [one.seed for one in requests] == list(range(3_500_000, 3_500_012))
-    assert [one.depart_s for one in requests] == [300.0, 320.0, 300.0] * 4
+    assert [one.drive_start for one in requests] == [*starts] * 4
 
 
 def test_a_round_with_a_failed_run_is_left_out():

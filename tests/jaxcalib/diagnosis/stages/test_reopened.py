@@ -24,6 +24,7 @@ from jaxcalib.diagnosis.stages.judged import Judged
 from jaxcalib.diagnosis.stages.reopened import reopen_silent_values
 from jaxcalib.diagnosis.stages.simulated import Simulated
 from jaxcalib.runs.stopwatch import Stopwatch
+from sim_adapters.interface import DriveStart
 
 NUM_FEATURES, NUM_FIELD, NUM_NULL = 24, 8, 48
 CELLS = tuple(Cell(Channel.CLOSED_LOOP, f"measure {k}") for k in range(NUM_FEATURES))
@@ -137,8 +138,7 @@ def reopened(
         first_slope_runs=FIRST_SLOPE_RUNS, slope_runs=SLOPE_RUNS, silent_runs=SILENT_RUNS,
         first_null_drives=FIRST_NULL_RUNS,
     )  # fmt: skip
-    case = SimpleNamespace(drives=[SimpleNamespace(depart_s=300.0)])
-    alone = SimpleNamespace(template=SimpleNamespace(can_share_runs=False), case=case)
+    alone = SimpleNamespace(template=SimpleNamespace(can_share_runs=False), drive_starts=lambda: (DriveStart(300.0),))
     progress = SimpleNamespace(surrogate_runs=lambda number: None)
     session = SimpleNamespace(
         seed=0, plan=plan, problem=alone, stopwatch=Stopwatch(lambda: 0.0), parts=FinishedParts(None), progress=progress
