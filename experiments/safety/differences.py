@@ -13,11 +13,12 @@ from experiments.paper.study import CASES, trial_folder
 from experiments.paper.trial import TRIAL_FILE, read_trial
 from experiments.results.record import Row
 from jaxcalib.calibration.pipeline import calibrate
-from jaxcalib.calibration.stages.evaluator import Evaluator, interleaved
+from jaxcalib.calibration.stages.evaluator import Evaluator
 from jaxcalib.measures.measure import Measure
 from jaxcalib.measures.registry import safety_measures
 from jaxcalib.problem.engines import sumo_engine
 from jaxcalib.problem.problem import CalibrationProblem, read_problem
+from jaxcalib.runs.drives_in_turn import interleaved
 from jaxcalib.validation.calibrated_run import RESULT_FILE, read_calibrated_run
 
 FIRST_SEED = 1_700_000_000  # no calibration's

@@ -105,8 +105,10 @@ class CalibrationProblem:
 
         Drives that depart alike are told apart only where runs of them differ by more than chance.
         """
+        recorded, is_repeated = self.template.recorded, bool(self.template.logged_drives)
+        tells = [is_repeated or bool(recorded and not recorded[number].is_whole) for number in range(len(self.drives))]
         return tuple(
-            DriveStart(drive.depart_s, number if self.template.tells_apart(number) else NO_DRIVE)
+            DriveStart(drive.depart_s, number if tells[number] else NO_DRIVE)
             for number, drive in enumerate(self.case.drives)
             if role in (None, drive.role)
         )

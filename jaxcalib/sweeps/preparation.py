@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from jaxcalib.calibration.stages.evaluator import interleaved
 from jaxcalib.problem.engines import prepare_devices
 from jaxcalib.problem.parameter_space import ParameterSpace, parameter_space, round_values
 from jaxcalib.problem.problem import CalibrationProblem, read_problem
 from jaxcalib.problem.settings import Settings, naming, read_settings
+from jaxcalib.runs.drives_in_turn import interleaved
 from jaxcalib.runs.run_folder import identify
 from jaxcalib.runs.seeds import SEEDS_PER_CALIBRATION
 from jaxcalib.sweeps.columns import rows_of, sweep_schema

@@ -102,15 +102,6 @@ class WorldTemplate:
         behaviour = [of_class[vtype][attribute] for vtype, attribute in self.layout.driver_parameters]
         return np.concatenate([self.base_demand_vehph(), behaviour])
 
-    def tells_apart(self, drive: int) -> bool:
-        """Whether a run that stands for a recorded drive differs from one that stands for none.
-
-        Args:
-            drive: its number.
-        """
-        is_whole = not self.recorded or self.recorded[drive].is_whole
-        return bool(self.logged_drives) or not is_whole
-
     def world(
         self,
         values: Float[Array, " parameter"],

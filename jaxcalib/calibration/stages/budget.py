@@ -2,10 +2,10 @@
 
 from dataclasses import dataclass, replace
 
-from jaxcalib.calibration.stages.evaluator import in_rounds
 from jaxcalib.calibration.stages.screening import SHORTLIST_RUNS, small_array, smallest_array
 from jaxcalib.problem.engines import expected_vehicles
 from jaxcalib.problem.problem import CalibrationProblem
+from jaxcalib.runs.drives_in_turn import in_rounds
 
 # A run of a corridor, in places for vehicles times steps. Larger scenarios get fewer runs per candidate, but not in
 # proportion: what they cost grows with the square root of their size.

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
+from jaxcalib.runs.drives_in_turn import in_rounds, interleaved
 from sim_adapters.interface import DriveStart, RunOutcome, RunRequest, Simulator
 from sim_adapters.shared_runs import drives_worth, starts_apart
 
@@ -139,21 +140,6 @@ class AllRunsFailedError(RuntimeError):
         self.log_tail = log_tail
 
 
-def in_rounds(starts: Sequence[DriveStart], num_runs: int) -> int:
-    """Return a number of runs near the wanted one in which each of some departures occurs equally often."""
-    per_round = len(interleaved(starts))
-    return max(1, round(num_runs / per_round)) * per_round
-
-
-def interleaved(starts: Sequence[DriveStart]) -> list[DriveStart]:
-    """Return drives as runs take them in turn: alike ones once, those at one time apart; uneven ones as they come."""
-    if not _is_even(starts):
-        return list(starts)
-    ordered = sorted(set(starts))
-    earlier = [sum(other.depart_s == one.depart_s for other in ordered[:place]) for place, one in enumerate(ordered)]
-    return [one for _, one in sorted(zip(earlier, ordered, strict=True))]
-
-
 def _numbers_of_runs(starts: list[DriveStart], dealt: list[tuple[DriveStart, ...]]) -> list[int]:
     """Return in which of the runs each departure is; equal departures are in different ones."""
     free = [list(one) for one in dealt]
@@ -163,8 +149,3 @@ def _numbers_of_runs(starts: list[DriveStart], dealt: list[tuple[DriveStart, ...
         free[number].remove(start)
         numbers.append(number)
     return numbers
-
-
-def _is_even(starts: Sequence[DriveStart]) -> bool:
-    counts = [starts.count(one) for one in set(starts)]
-    return min(counts) == max(counts)

@@ -6,12 +6,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from jaxcalib.calibration.stages.evaluator import AllRunsFailedError, interleaved
+from jaxcalib.calibration.stages.evaluator import AllRunsFailedError
 from jaxcalib.diagnosis.features.drive_features import DriveFeatures
 from jaxcalib.diagnosis.features.features import DriveTallies, TallyBook, gather_tallies
 from jaxcalib.diagnosis.features.identities import count_identities
 from jaxcalib.problem.problem import CalibrationProblem
 from jaxcalib.runs.disk import checked_disk, writing_to_scratch
+from jaxcalib.runs.drives_in_turn import interleaved
 from sim_adapters.interface import DriveStart, RunOutcome, RunRequest
 from sim_adapters.shared_runs import departures_s, drives_worth, starts_apart
 from sim_adapters.sumo.simulator import SensorRange, SumoSimulator

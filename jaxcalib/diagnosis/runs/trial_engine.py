@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from jaxcalib.calibration.stages.evaluator import interleaved
 from jaxcalib.diagnosis.features.drive_features import DriveFeatures
 from jaxcalib.diagnosis.features.frame_recorder import FrameRecorder
 from jaxcalib.diagnosis.runs.trials import TrialRunner
 from jaxcalib.problem.engines import DECISION_INTERVAL_S, surrogate_engine
 from jaxcalib.problem.problem import CalibrationProblem
+from jaxcalib.runs.drives_in_turn import interleaved
 
 SPARE_CAPACITY = 1.8  # effects can make traffic denser
 PLACES_FOR_OBJECTS = 128

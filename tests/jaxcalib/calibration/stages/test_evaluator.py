@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from jaxcalib.calibration.stages.evaluator import AllRunsFailedError, Evaluator, in_rounds, interleaved
+from jaxcalib.calibration.stages.evaluator import AllRunsFailedError, Evaluator
 from jaxcalib.problem.problem import CalibrationProblem
+from jaxcalib.runs.drives_in_turn import in_rounds, interleaved
 from sim_adapters.interface import NO_DRIVE, DriveStart
 from sim_adapters.world.recorded_parts import RecordedParts
 from tests.jaxcalib.calibration.toy import SPACE, ToySimulator, starts_at
