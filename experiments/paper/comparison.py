@@ -148,8 +148,8 @@ def comparison_table(trials: Sequence[Trial]) -> pd.DataFrame:
             pairs = paired(trials, method, figure.against or method)
             value = figure.ours(pairs) if pairs else None
             low, high = _interval(figure.ours, pairs) if figure.against else (None, None)
-            row |= {method: _rounded(value), f"{method}_low": _rounded(low), f"{method}_high": _rounded(high)}
-        row |= {"chance": _rounded(_chance(figure, trials)), "note": figure.note}
+            row |= {method: rounded(value), f"{method}_low": rounded(low), f"{method}_high": rounded(high)}
+        row |= {"chance": rounded(_chance(figure, trials)), "note": figure.note}
         rows.append(row)
     return pd.DataFrame(rows)
 
@@ -193,8 +193,8 @@ def summary_table(trials: Sequence[Trial]) -> pd.DataFrame:
         ]
     rows = [*MOES, VEHICLE_LEVEL_SUM, "surrogate_runs", "sumo_runs", "calibration_s"]
     floor = noise_floor_of(trials)
-    table = {"measure": rows, **{name: [_rounded(value) for value in values] for name, values in columns.items()}}
-    return pd.DataFrame(table | {"noise floor": [_rounded(floor.get(row)) for row in rows]})
+    table = {"measure": rows, **{name: [rounded(value) for value in values] for name, values in columns.items()}}
+    return pd.DataFrame(table | {"noise floor": [rounded(floor.get(row)) for row in rows]})
 
 
 def by_pattern_table(trials: Sequence[Trial]) -> pd.DataFrame:
@@ -208,8 +208,8 @@ def by_pattern_table(trials: Sequence[Trial]) -> pd.DataFrame:
         row: dict[str, object] = {"pattern": f"{pattern} {DEMANDS[pattern - 1].name}"}
         for method in dict.fromkeys(trial.method for trial in trials):
             known = [trial.vehicle_level for trial in here if trial.method == method]
-            row[LABELS.get(method, method.replace("_", " "))] = _rounded(float(np.mean(known))) if known else None
-        rows.append(row | {"noise floor": _rounded(noise_floor_of(here)[VEHICLE_LEVEL_SUM])})
+            row[LABELS.get(method, method.replace("_", " "))] = rounded(float(np.mean(known))) if known else None
+        rows.append(row | {"noise floor": rounded(noise_floor_of(here)[VEHICLE_LEVEL_SUM])})
     return pd.DataFrame(rows)
 
 
@@ -257,5 +257,6 @@ def chance_of(trials: Sequence[Trial]) -> float | None:
     return None if sized is None else chance_similarity(len(sized.critical), sized.num_drivers)
 
 
-def _rounded(value: float | None) -> float | None:
+def rounded(value: float | None) -> float | None:
+    """Return a number with the four digits of tables; None for what is not known."""
     return None if value is None or not np.isfinite(value) else float(f"{value:.4g}")

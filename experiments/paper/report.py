@@ -8,11 +8,13 @@ from typing import Any
 def write_report(out: Path, others: Sequence[Path] = (), is_recorded: bool = False) -> str:
     """Write the comparison with the paper and the figures of a study; return what a person wants to read first.
 
-    Trials of other folders of the same study count, too. Where it is recorded, the tables go to experiments/results.
+    Trials of other folders of the same study count, too. Where it is recorded, tables and figures go to
+    experiments/results.
 
     Raises:
         CaseError: there is no study, or another folder is of another one.
     """
+    from experiments.paper.ablation import ablation_table, is_ablation
     from experiments.paper.comparison import by_pattern_table, comparison_table, summary_table, with_all_methods
     from experiments.paper.figures import all_figures
     from experiments.paper.recovery import read_truth, recovery_table
@@ -20,12 +22,16 @@ def write_report(out: Path, others: Sequence[Path] = (), is_recorded: bool = Fal
     from sim_adapters.atomic_file import write_atomically
 
     about, trials = read_parts((out, *others))
-    tables = {
-        "summary": ("Errors of all methods", summary_table(trials)),
-        "by_pattern": ("Vehicle-level error by pattern", by_pattern_table(trials)),
-        "comparison": ("The paper's numbers beside ours", comparison_table(trials)),
-    }
-    truth = read_truth([folder / CASES for folder in (out, *others)])
+    if is_ablation(trials):
+        tables = {"ablation": ("What each part of the method buys", ablation_table(trials))}
+        truth = None
+    else:
+        tables = {
+            "comparison": ("The paper's numbers beside ours", comparison_table(trials)),
+            "by_pattern": ("Vehicle-level error by pattern", by_pattern_table(trials)),
+            "summary": ("Errors of all methods", summary_table(trials)),
+        }
+        truth = read_truth([folder / CASES for folder in (out, *others)])
     if truth is not None:
         tables["recovery"] = (
             "Off by from what simulated patterns were made with, %",
@@ -33,24 +39,37 @@ def write_report(out: Path, others: Sequence[Path] = (), is_recorded: bool = Fal
         )
     for name, (_, table) in tables.items():
         write_atomically(out / f"{name}.csv", lambda file, table=table: table.to_csv(file, index=False))
+    figures = all_figures(trials)
+    for name, text in figures.items():
+        write_atomically(out / f"{name}.svg", lambda file, text=text: file.write(text.encode()))
     if is_recorded:
         complete = len({(one.pattern, one.repetition) for one in with_all_methods(trials)})
-        _record(about | {"num_complete": complete}, dict(tables.values()))
-    for name, text in all_figures(trials).items():
-        write_atomically(out / f"{name}.svg", lambda file, text=text: file.write(text.encode()))
+        pairs = "Variants are compared with the method as improved on what both have made."
+        means = f"Errors of all methods are means over the {complete} of them that every method has made."
+        parted = is_ablation(trials)
+        _record(about, dict(tables.values()), {} if parted else figures, pairs if parted else means)
     return "\n\n".join([*(table.to_string(index=False) for _, table in tables.values()), f"figures: {out}"])
 
 
-def _record(about: dict[str, Any], tables: dict[str, Any]) -> None:
-    """Keep tables of a study, data frames by title, in the results; what is not known stays empty."""
-    from experiments.results.record import record
+def _record(about: dict[str, Any], tables: dict[str, Any], figures: dict[str, str], means: str) -> None:
+    """Keep a study in the results: tables, data frames by title, in which what is not known stays empty; figures."""
+    from experiments.results import record as results
 
     case, num_patterns = about["case"], len(about["patterns"])
     note = (
         f"{num_patterns} traffic patterns, {about['repetitions']} repetitions, {', '.join(about['methods'])}; "
-        f"budget {about['budget']:g}; failed: {', '.join(about['failed']) or 'none'}. Errors of all methods are means "
-        f"over the {about['num_complete']} of them that every method has made."
+        f"budget {about['budget']:g}; failed: {', '.join(about['failed']) or 'none'}. {means}"
     )
     for title, table in tables.items():
         rows = table.astype(object).where(table.notna(), None).to_dict("records")
-        record("paper", f"{case}: {title}", rows, f"{title} on `{case}`", [note])
+        results.record("paper", f"{case}: {title}", rows, f"{title} on `{case}`", [note])
+    if not figures:
+        return
+    pictures = []
+    for name, text in figures.items():
+        file = results.FOLDER / f"paper_{case}_{name}.svg"
+        file.write_text(text, encoding="utf-8")
+        _, number, *words = name.split("_")
+        pictures.append(f"![Figure {int(number)}: {' '.join(words)}]({file.name})")
+    title = "Figures 7 to 13 of the paper"
+    results.record("paper", f"{case}: {title}", [], f"{title} on `{case}`", pictures)

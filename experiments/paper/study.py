@@ -10,7 +10,7 @@ from typing import Any
 import jax
 import msgspec
 
-from experiments.paper.methods import METHODS
+from experiments.paper.methods import ABLATIONS, METHODS
 from experiments.paper.patterns import DEMANDS, prepare_pattern
 from experiments.paper.trial import TRIAL_FILE, Trial, read_trial, table_of
 from experiments.paper.trial_runs import run_trial
@@ -109,8 +109,9 @@ def known_trials(folder: Path) -> dict[TrialKey, Trial]:
 
 
 def in_order(trials: dict[TrialKey, Trial]) -> list[Trial]:
-    """Return trials repetition by repetition, as they are made."""
-    return [trials[key] for key in sorted(trials, key=lambda key: (key[1], key[0], key[2]))]
+    """Return trials repetition by repetition, as they are made, the methods in the order in which they are listed."""
+    methods = (*METHODS, *ABLATIONS)
+    return [trials[key] for key in sorted(trials, key=lambda key: (key[1], key[0], methods.index(key[2])))]
 
 
 def write_data(plan: StudyPlan, trials: list[Trial], failed: Sequence[str] = ()) -> None:

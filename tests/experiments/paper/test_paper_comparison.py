@@ -177,6 +177,29 @@ def test_all_seven_figures_are_drawn_from_data_alone(trials: list[Trial], tmp_pa
     assert read_study(tmp_path)[1] == trials
 
 
+def test_an_ablation_tells_what_each_part_buys(trials: list[Trial], tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """Without logs the vehicle level is 0.8 on patterns 1 and 2; the whole method has 0.4 there, on the third 0.44."""
+    whole = [trial("improved", pattern, int(pattern == 3)) for pattern in CRITICAL]
+    parts = [msgspec.structs.replace(trial("printed", n), method="without_logs") for n in (1, 2)]
+    about = {"case": "road", "patterns": [{"pattern": n} for n in CRITICAL], "repetitions": 1, "failed": [],
+             "methods": ["improved", "without_logs"], "budget": 1.0,
+             "trials": msgspec.to_builtins([*parts, *whole])}  # fmt: skip
+    (tmp_path / STUDY_FILE).write_bytes(msgspec.json.encode(about))
+    kept = {}
+    monkeypatch.setattr("experiments.results.record.record", lambda *each: kept.update({each[1]: each}))
+    write_report(tmp_path, is_recorded=True)
+    ((study, name, rows, _, (note,)),) = kept.values()
+    assert (study, name) == ("paper", "road: What each part of the method buys")
+    assert note.endswith("Variants are compared with the method as improved on what both have made.")
+    assert [(row["variant"], row["trials"]) for row in rows] == [("method as improved", 3), ("without logs", 2)]
+    improved, without = rows
+    assert improved["vehicle_level"] == pytest.approx((0.4 + 0.4 + 0.44) / 3, rel=1e-3)
+    assert (improved["vehicle_level_change"], improved["mean_of_errors_change"]) == (0.0, 0.0)
+    assert (without["vehicle_level"], without["vehicle_level_change"]) == (0.8, 0.4)
+    assert (without["mean_of_errors"], without["mean_of_errors_change"]) == (0.2, 0.1)
+    assert (without["sumo_runs"], improved["calibration_s"]) == (8.0, 200.0)
+
+
 def test_a_trial_survives_its_file(tmp_path: Path):
     one = trial("improved", 2)
     (tmp_path / TRIAL_FILE).write_text(trial_json(one))
@@ -194,6 +217,7 @@ def test_no_study_is_one_line(tmp_path: Path):
 def test_a_study_is_recorded_with_what_it_is_of(trials: list[Trial], tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     kept = {}
     monkeypatch.setattr("experiments.results.record.record", lambda *each: kept.update({each[1]: each}))
+    monkeypatch.setattr("experiments.results.record.FOLDER", tmp_path)
     about = {"case": "road", "patterns": [{"pattern": n} for n in CRITICAL], "repetitions": 1, "methods": list(LEVEL),
              "budget": 0.5, "failed": ["a drive"], "trials": msgspec.to_builtins(trials)}  # fmt: skip
     (tmp_path / STUDY_FILE).write_bytes(msgspec.json.encode(about))
@@ -201,8 +225,14 @@ def test_a_study_is_recorded_with_what_it_is_of(trials: list[Trial], tmp_path: P
     assert not kept
     write_report(tmp_path, is_recorded=True)
     assert [name.removeprefix("road: ") for name in kept] == [
-        "Errors of all methods", "Vehicle-level error by pattern", "The paper's numbers beside ours",
+        "The paper's numbers beside ours", "Vehicle-level error by pattern", "Errors of all methods",
+        "Figures 7 to 13 of the paper",
     ]  # fmt: skip
+    pictures = kept["road: Figures 7 to 13 of the paper"][4]
+    assert pictures[1] == "![Figure 8: vehicle level](paper_road_figure_08_vehicle_level.svg)"
+    drawn = [picture.partition("](")[2].rstrip(")") for picture in pictures]
+    assert len(drawn) == 7
+    assert all((tmp_path / name).read_text() == (tmp_path / name[len("paper_road_") :]).read_text() for name in drawn)
     study, _, rows, title, (note,) = kept["road: Errors of all methods"]
     assert (study, title) == ("paper", "Errors of all methods on `road`")
     assert note.startswith("3 traffic patterns, 1 repetitions, no_calibration,")
