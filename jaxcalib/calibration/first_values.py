@@ -75,14 +75,25 @@ def find_first_values(
     return FirstValues(initial, look, usual, in_sumo)
 
 
-def sumo_evaluator(problem: CalibrationProblem, sumo: JournaledSumo, session: Session, seeds_from: int) -> Evaluator:
-    """Return what evaluates candidates in SUMO on the drives to fit."""
+def sumo_evaluator(
+    problem: CalibrationProblem, sumo: JournaledSumo, session: Session, seeds_from: int, *, may_fail: bool = False
+) -> Evaluator:
+    """Return what evaluates candidates in SUMO on the drives to fit.
+
+    Args:
+        problem: the problem.
+        sumo: SUMO.
+        session: gives the seeds, and is told of each run.
+        seeds_from: the first of the calibration's seeds.
+        may_fail: whether a first evaluation of which no run succeeds is an answer, rather than an AllRunsFailedError.
+    """
     return Evaluator(
         sumo,
         problem.drive_starts("fit"),
         session.first_seed + seeds_from,
         session.progress.sumo_runs,
         shares_runs=problem.template.can_share_runs,
+        num_tallies=len(problem.tally_names) if may_fail else 0,
     )
 
 

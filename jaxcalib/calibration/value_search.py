@@ -104,7 +104,7 @@ def search_values(
         session.progress.notes([*map(str, agreements[:-1]), f"{agreements[-1]}; {where}."])
     evaluator = in_sumo if is_in_sumo or surrogate is None else surrogate
     found = search_two_stages(problem, initial, evaluator, settings, plan, session)
-    confirming = sumo_evaluator(problem, sumo, session, CONFIRMATION_SEED)
+    confirming = sumo_evaluator(problem, sumo, session, CONFIRMATION_SEED, may_fail=True)
     with session.stopwatch.time("confirmation"):
         confirmation = confirm(found, initial, evaluator, confirming, plan, session)
         if not is_in_sumo:

@@ -22,9 +22,11 @@ from sim_adapters.interface import RunOutcome
 
 CONFIRMATION = "confirmation"
 MAPPED, SEARCHED_ON = "space mapping", "search in SUMO"  # how a search goes on, and where such finalists come from
+FOUND, NEXT_BEST = "two stages", "next best of the two stages"  # where the first finalist comes from
 CORRECTED_SEARCH = "corrected_search"  # the surrogate's part of it, for the times
 RADIUS = 0.12  # of the box of known widths
 SAME_POINT = 0.01  # of the unit range; closer points are one point to drivers
+MOST_BEGINNINGS = 3  # points of the search that SUMO is asked to run, one after the other, until it can run one
 
 
 @dataclass(frozen=True)
@@ -149,10 +151,16 @@ def confirm(
     finalists: list[Finalist] = []
     outcomes: list[RunOutcome] = []
     judged: list[Judged] = list(found.judged)
-    unit, origin = found.best, "two stages"
+    unit, origin, beginnings = found.best, FOUND, _beginnings(found)
     for number in range(budget.confirmation_rounds):
         runs = finals.run(unit, origin, objective)
         outcomes += runs.outcomes
+        while runs.finalist is None and not finalists and beginnings:
+            why = f"What the search found cannot be confirmed ({_why_none(runs.outcomes)})"
+            session.progress.notes([f"{why}; so the next best of its last comparison is tried."])
+            unit, origin = beginnings.pop(0), NEXT_BEST
+            runs = finals.run(unit, origin, objective)
+            outcomes += runs.outcomes
         if runs.finalist is None or runs.confirmed is None:
             break
         finalists.append(runs.finalist)
@@ -172,11 +180,24 @@ def confirm(
             break
         unit, origin = polished.best, f"corrected search {number + 1}"
     if not finalists:
-        reasons = "; ".join(sorted({outcome.status.value for outcome in outcomes if not outcome.status.is_ok}))
-        reasons = reasons or "the surrogate, which is to be compared with it, cannot drive there"
         tail = next((outcome.log_tail for outcome in outcomes if outcome.log_tail), "")
-        raise AllRunsFailedError(f"the search's result failed in SUMO: {reasons}", tail)
+        raise AllRunsFailedError(f"the search's result failed in SUMO: {_why_none(outcomes)}", tail)
     return _judged(objective, finalists, confirmed, tuple(outcomes))
+
+
+def _beginnings(found: TwoStageResult) -> list[Float[np.ndarray, " parameter"]]:
+    """Return what came next to the search's result in its last comparison, for where that cannot be confirmed."""
+    last, points = found.judged[-1], [found.best]
+    for place in np.argsort(-np.nan_to_num(last.accuracy, nan=-np.inf)):
+        if last.is_ok[place] and all(np.abs(last.unit[place] - one).max() >= SAME_POINT for one in points):
+            points.append(last.unit[place])
+    return points[1:MOST_BEGINNINGS]
+
+
+def _why_none(outcomes: Sequence[RunOutcome]) -> str:
+    """Return why a point is no finalist."""
+    reasons = "; ".join(sorted({outcome.status.value for outcome in outcomes if not outcome.status.is_ok}))
+    return reasons or "the surrogate, which is to be compared with it, cannot drive there"
 
 
 def _learnt(objective: Objective, confirmed: list[Confirmed]) -> Objective:

@@ -43,6 +43,7 @@ class Evaluator:
         first_seed: int,
         on_runs: OnRuns | None = None,
         shares_runs: bool = False,
+        num_tallies: int = 0,
     ) -> None:
         """Keep what all evaluations share.
 
@@ -53,6 +54,8 @@ class Evaluator:
             on_runs: told how many runs have been made.
             shares_runs: whether subject vehicles that depart far enough apart drive in one run, with one seed; then
                 what counts as a run here is a drive.
+            num_tallies: length of a tally; 0 where it is not known: then a first evaluation without any success is an
+                error.
         """
         self._simulator = simulator
         self._starts = interleaved(starts)
@@ -60,7 +63,7 @@ class Evaluator:
         self._run_of = _numbers_of_runs(self._starts, self._dealt)
         self._first_seed = first_seed
         self._on_runs = on_runs
-        self._num_tallies = 0  # not known before the first run that succeeds
+        self._num_tallies = num_tallies  # 0: not known before the first run that succeeds
         self.num_runs = 0
 
     def rounds_of(self, num_runs: int) -> int:
