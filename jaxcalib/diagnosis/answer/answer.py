@@ -60,7 +60,7 @@ class Second:
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """What a diagnosis found; see docs/diagnosis.md.
+    """What a diagnosis found; see docs/diagnose.md.
 
     Attributes:
         verdict: no_gap, miscalibrated, effect, pair, class, unknown or not_testable.
