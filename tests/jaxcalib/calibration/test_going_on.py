@@ -61,7 +61,7 @@ def went_on(
         decision_interval_s=1.0,
     )  # fmt: skip
     patch.setattr(value_search, "find_first_values", lambda *args: first)
-    patch.setattr(value_search, "sumo_evaluator", lambda *args: usual)
+    patch.setattr(value_search, "sumo_evaluator", lambda *args, **named: usual)
     patch.setattr(value_search, "in_sumo_alone", lambda *args: PLAN)
     patch.setattr(value_search, "search_two_stages", lambda *args: None)
     patch.setattr(value_search, "confirm", lambda *args: SimpleNamespace(after="confirm"))
