@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 
 from experiments.paper.comparison import mean_error, paired, rounded
-from experiments.paper.methods import ABLATIONS, IMPROVED, LABELS
+from experiments.paper.methods import ABLATIONS, IMPROVED, label_of
 from experiments.paper.trial import Trial
 from jaxcalib.calibration.objective.accuracy import VEHICLE_LEVEL_SUM
 
@@ -28,7 +28,7 @@ def ablation_table(trials: Sequence[Trial]) -> pd.DataFrame:
         if not pairs:
             continue
         ours, improved = ([pair[side] for pair in pairs] for side in (0, 1))
-        row: dict[str, object] = {"variant": LABELS.get(variant, variant.replace("_", " ")), "trials": len(pairs)}
+        row: dict[str, object] = {"variant": label_of(variant), "trials": len(pairs)}
         for name, value_of in ((VEHICLE_LEVEL_SUM, lambda trial: trial.vehicle_level), ("mean_of_errors", mean_error)):
             mean, whole = (float(np.mean([value_of(trial) for trial in side])) for side in (ours, improved))
             row |= {name: rounded(mean), f"{name}_change": rounded(mean - whole)}

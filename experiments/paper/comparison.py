@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from experiments.paper.methods import IMPROVED, LABELS, NO_CALIBRATION, PRINTED, STATE_OF_THE_ART
+from experiments.paper.methods import IMPROVED, NO_CALIBRATION, PRINTED, STATE_OF_THE_ART, label_of
 from experiments.paper.patterns import DEMANDS
 from experiments.paper.similarity import chance_at_least, chance_similarity, pair_shares
 from experiments.paper.trial import Trial
@@ -184,7 +184,7 @@ def summary_table(trials: Sequence[Trial]) -> pd.DataFrame:
     columns: dict[str, list[float | None]] = {}
     for method in names:
         of_method = [trial for trial in trials if trial.method == method]
-        columns[LABELS.get(method, method.replace("_", " "))] = [
+        columns[label_of(method)] = [
             *mean_errors(of_method).values(),
             float(np.mean([trial.vehicle_level for trial in of_method])),
             float(np.mean([trial.surrogate_runs for trial in of_method])),
@@ -208,7 +208,7 @@ def by_pattern_table(trials: Sequence[Trial]) -> pd.DataFrame:
         row: dict[str, object] = {"pattern": f"{pattern} {DEMANDS[pattern - 1].name}"}
         for method in dict.fromkeys(trial.method for trial in trials):
             known = [trial.vehicle_level for trial in here if trial.method == method]
-            row[LABELS.get(method, method.replace("_", " "))] = rounded(float(np.mean(known))) if known else None
+            row[label_of(method)] = rounded(float(np.mean(known))) if known else None
         rows.append(row | {"noise floor": rounded(noise_floor_of(here)[VEHICLE_LEVEL_SUM])})
     return pd.DataFrame(rows)
 

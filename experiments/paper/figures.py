@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from experiments.paper.comparison import chance_of, critical_sets, mean_errors, noise_floor_of, paired
-from experiments.paper.methods import IMPROVED, LABELS, NO_CALIBRATION, PRINTED, STATE_OF_THE_ART
+from experiments.paper.methods import IMPROVED, NO_CALIBRATION, PRINTED, STATE_OF_THE_ART, label_of
 from experiments.paper.similarity import similarity_matrix
 from experiments.paper.trial import Trial
 from jaxcalib.calibration.objective.accuracy import MOES, TRAFFIC_LEVEL, VEHICLE_LEVEL, VEHICLE_LEVEL_SUM
@@ -35,10 +35,6 @@ def methods_of(trials: Sequence[Trial]) -> list[str]:
     return list(dict.fromkeys(trial.method for trial in trials))
 
 
-def _label(method: str) -> str:
-    return LABELS.get(method, method.replace("_", " "))
-
-
 def _dots(
     axes: Axes, trials: Sequence[Trial], methods: Sequence[str], value_of: Callable[[Trial], float | None]
 ) -> None:
@@ -52,7 +48,7 @@ def _dots(
         axes.bar(number, known.mean(), 0.7, color=color, alpha=0.75)
         spread = np.linspace(-0.2, 0.2, len(known)) if len(known) > 1 else np.zeros(1)
         axes.plot(number + spread, known, "o", color="#222222", ms=2.5)
-    axes.set_xticks(range(len(methods)), [_label(method) for method in methods], rotation=30, ha="right", fontsize=7)
+    axes.set_xticks(range(len(methods)), [label_of(method) for method in methods], rotation=30, ha="right", fontsize=7)
     axes.set_ylim(bottom=0.0)
 
 
@@ -98,10 +94,10 @@ def _improvements(trials: Sequence[Trial]) -> str | None:
                 before, after = (mean_errors([pair[side] for pair in pairs]) for side in (1, 0))
                 change = [_difference(after[name], before[name]) for name in names]
                 shift = 0.19 * (1 - 2 * number) if len(ours) > 1 else 0.0
-                axes.barh(height + shift, change, 0.36, color=COLORS[method], label=_label(method))
+                axes.barh(height + shift, change, 0.36, color=COLORS[method], label=label_of(method))
             axes.axvline(0.0, color="#222222", lw=0.8)
             axes.set_yticks(height, [name.replace("_", " ") for name in names], fontsize=7)
-            axes.set_title(f"({letter}) against {_label(other)}", fontsize=8)
+            axes.set_title(f"({letter}) against {label_of(other)}", fontsize=8)
             axes.set_xlabel("error saved [percentage points]", fontsize=8)
         grid[0][0].legend(frameon=False, fontsize=7)
 
@@ -121,7 +117,7 @@ def _per_aspect(trials: Sequence[Trial]) -> str | None:
         for method in ours:
             means = mean_errors([trial for trial in trials if trial.method == method])
             values = [np.nan if means[name] is None else 100.0 * float(means[name] or 0.0) for name in names]
-            axes.plot(values, height, "o", color=COLORS[method], ms=6, label=_label(method))
+            axes.plot(values, height, "o", color=COLORS[method], ms=6, label=label_of(method))
         axes.set_yticks(height, [name.replace("_", " ") for name in names])
         axes.set_xlabel("mean error [%]")
         axes.set_xlim(left=0.0)
@@ -167,7 +163,7 @@ def _similarity(trials: Sequence[Trial]) -> str | None:
             names = [str(pattern) for pattern in sets]
             axes.set_xticks(range(len(names)), names)
             axes.set_yticks(range(len(names)), names)
-            axes.set_title(f"{_label(method)}; chance: {chance:.2f}", fontsize=8)
+            axes.set_title(f"{label_of(method)}; chance: {chance:.2f}", fontsize=8)
             axes.set_xlabel("traffic pattern")
         grid[0][0].set_ylabel("traffic pattern")
 

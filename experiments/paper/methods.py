@@ -17,6 +17,11 @@ LABELS = {
 PAPER_THRESHOLD = 0.8  # Section 5.4
 
 
+def label_of(method: str) -> str:
+    """Return a method's name as tables and figures have it."""
+    return LABELS.get(method, method.replace("_", " "))
+
+
 def settings_of(method: str, common: Settings) -> Settings:
     """Return the settings of a two-stage method: PRINTED, IMPROVED, or the name of an ablation."""
     if method == PRINTED:

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Float
 
-from experiments.paper.methods import LABELS
+from experiments.paper.methods import label_of
 from experiments.paper.patterns import PATTERN_FILE
 from experiments.paper.trial import Trial
 from jaxcalib.problem.parameter_space import ParameterSpace, parameter_space
@@ -55,7 +55,7 @@ def recovery_table(trials: Sequence[Trial], truth: Truth) -> pd.DataFrame:
     }
     for method in dict.fromkeys(trial.method for trial in known):
         off = [_off(trial, truth) for trial in known if trial.method == method]
-        table[LABELS.get(method, method)] = np.round(100.0 * np.mean(off, axis=0), 2)
+        table[label_of(method)] = np.round(100.0 * np.mean(off, axis=0), 2)
     return pd.DataFrame(table)
 
 

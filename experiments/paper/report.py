@@ -22,10 +22,14 @@ def write_report(out: Path, others: Sequence[Path] = (), is_recorded: bool = Fal
     from sim_adapters.atomic_file import write_atomically
 
     about, trials = read_parts((out, *others))
+    complete = len({(one.pattern, one.repetition) for one in with_all_methods(trials)})
+    means = f"Errors of all methods are means over the {complete} of them that every method has made."
+    figures, truth, recorded_figures = all_figures(trials), None, {}
     if is_ablation(trials):
         tables = {"ablation": ("What each part of the method buys", ablation_table(trials))}
-        truth = None
+        means = "Variants are compared with the method as improved on what both have made."
     else:
+        recorded_figures = figures
         tables = {
             "comparison": ("The paper's numbers beside ours", comparison_table(trials)),
             "by_pattern": ("Vehicle-level error by pattern", by_pattern_table(trials)),
@@ -39,15 +43,10 @@ def write_report(out: Path, others: Sequence[Path] = (), is_recorded: bool = Fal
         )
     for name, (_, table) in tables.items():
         write_atomically(out / f"{name}.csv", lambda file, table=table: table.to_csv(file, index=False))
-    figures = all_figures(trials)
     for name, text in figures.items():
         write_atomically(out / f"{name}.svg", lambda file, text=text: file.write(text.encode()))
     if is_recorded:
-        complete = len({(one.pattern, one.repetition) for one in with_all_methods(trials)})
-        pairs = "Variants are compared with the method as improved on what both have made."
-        means = f"Errors of all methods are means over the {complete} of them that every method has made."
-        parted = is_ablation(trials)
-        _record(about, dict(tables.values()), {} if parted else figures, pairs if parted else means)
+        _record(about, dict(tables.values()), recorded_figures, means)
     return "\n\n".join([*(table.to_string(index=False) for _, table in tables.values()), f"figures: {out}"])
 
 
