@@ -72,7 +72,7 @@ def _vehicle_level(trials: Sequence[Trial]) -> str:
         _dots(axes, trials, methods, lambda trial: 100.0 * trial.vehicle_level)
         axes.axhspan(0.0, 100.0 * (noise_floor_of(trials)[VEHICLE_LEVEL_SUM] or 0.0), color=NOISE, alpha=0.6, lw=0,
                      zorder=0)  # fmt: skip
-        axes.set_ylabel("vehicle-level error (Eq. 23) [%]; grey: noise floor")
+        axes.set_ylabel("vehicle-level error (Eq. 23) [%]\ngrey: noise floor")
 
     return svg(draw, 1.1 * len(methods) + 1.0, 3.2)
 
