@@ -16,7 +16,7 @@ from jaxcalib.diagnosis.inference.investigation import gain_of, transfer
 from jaxcalib.diagnosis.inference.ledger import LedgerEntry, parameter_shift
 from jaxcalib.diagnosis.inference.marginal_likelihood import NONE, UNKNOWN, none_among
 from jaxcalib.diagnosis.inference.shrinkage import measure_shrinkage
-from jaxcalib.diagnosis.inference.verdict import Verdict
+from jaxcalib.diagnosis.inference.verdict import Verdict, beforehand
 from jaxcalib.diagnosis.runs.explained_runs import moved_values
 from jaxcalib.diagnosis.runs.parameter_steps import parameter_steps
 from jaxcalib.problem.problem import CalibrationProblem
@@ -81,13 +81,14 @@ def refuse(
     runs: Mapping[str, int],
     wall_s: Mapping[str, float],
 ) -> Diagnosis:
-    """Return the diagnosis of drives that show too little."""
+    """Return the diagnosis of drives that show too little: each explanation is as likely as before."""
     names = problem.layout.names
+    ranking = beforehand([NONE, *(effect.name for effect in EFFECTS), UNKNOWN])
     return Diagnosis(
         verdict="not_testable",
         effects=(),
         reason=f"The drives show too little: {reason}.",
-        ranking=[Ranked(NONE, 1.0), *(Ranked(effect.name, 0.0) for effect in EFFECTS), Ranked(UNKNOWN, 0.0)],
+        ranking=sorted((Ranked(*one) for one in ranking.items()), key=lambda one: -one.probability),
         where=[],
         how_far=dict.fromkeys(HOW_FAR),
         checked_in_sumo=(),

@@ -47,8 +47,11 @@ def unexplained(verdict: Verdict, how_far: Mapping[str, Any]) -> list[str]:
 
 
 def aliased_effects(problem: CalibrationProblem) -> tuple[str, ...]:
-    """Return the effects that cannot be told apart because place and time go together: all drives depart at once."""
-    if len({drive.depart_s for drive in problem.case.drives}) > 1:
+    """Return the effects that cannot be told apart because place and time go together.
+
+    So it is where all drives to fit depart at once, for they alone are judged.
+    """
+    if len({drive.depart_s for drive in problem.case.drives if drive.role == "fit"}) > 1:
         return ()
     return tuple(effect.name for effect in EFFECTS if effect.has_place or effect.has_time)
 
@@ -77,12 +80,14 @@ def warnings_of(findings: Findings) -> list[str]:
             + (f" Where they were, the best explanation was: {otherwise}." if otherwise else "")
         )
     if findings.held_out is None:
-        warnings.append("case.toml: no drive is held out; how far the gap shrinks is not told.")
+        has_any = any(drive.role == "held_out" for drive in findings.problem.case.drives)
+        why = "too little is seen of the drives that are held out" if has_any else "no drive is held out"
+        warnings.append(f"case.toml: {why}; how far the gap shrinks is not told.")
     aliased = aliased_effects(findings.problem)
     if aliased:
         words = ", ".join(name.replace("_", " ") for name in aliased)
         warnings.append(
-            "case.toml: all drives depart at the same time, so place and time go together: none of these is named "
-            f"alone: {words}."
+            "case.toml: all drives to fit depart at the same time, so place and time go together: none of these is "
+            f"named alone: {words}."
         )
     return warnings

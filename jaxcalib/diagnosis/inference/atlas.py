@@ -109,11 +109,13 @@ def effect_trials(
 
 
 def effect_strengths(effect: Effect, window: Window | None) -> tuple[float, ...]:
-    """Strengths at which an effect is tried."""
+    """Strengths at which an effect is tried; everywhere in both directions, where it has two."""
     if effect.lasts_as_strength and window is not None and window.from_s is not None and window.to_s is not None:
         return (window.to_s - window.from_s,)
-    sign = effect.slows * window.sign if window is not None and effect.is_signed else 1.0
-    return (sign * effect.medium, sign * effect.strong)
+    signs = (1.0,)
+    if effect.is_signed:
+        signs = (1.0, -1.0) if window is None else (effect.slows * window.sign,)
+    return tuple(sign * size for sign in signs for size in (effect.medium, effect.strong))
 
 
 def disagreement(surrogate: DriveTallies, sumo: DriveTallies, null: NullModel) -> np.ndarray:
@@ -133,13 +135,13 @@ def surrogate_signatures(
 
     Each feature may be wrong by what both simulators disagree by without any effect.
     """
-    groups: dict[tuple[str, Window | None], list[EffectTrial]] = {}
+    groups: dict[tuple[str, Window | None, bool], list[EffectTrial]] = {}
     for tried in trials:
         if not has_pairs(tallies[tried.trial.name], tallies[BASELINE]):
             continue
-        groups.setdefault((tried.effect.name, tried.window), []).append(tried)
+        groups.setdefault((tried.effect.name, tried.window, tried.strength < 0.0), []).append(tried)
     signatures: dict[str, list[Signature]] = {}
-    for (name, window), members in groups.items():
+    for (name, window, _), members in groups.items():
         rows = [paired_difference(tallies[m.trial.name], tallies[BASELINE], null.cells)[:2] for m in members]
         rows = [(shift, np.hypot(error, disagrees * null.deviation)) for shift, error in rows]
         setting = window.setting() if window else {}

@@ -53,7 +53,7 @@ def left_out_sets(
     if len(names) < FEWEST_RUNS:
         return ()
     random = np.random.default_rng(0)
-    size = max(min(num_drives, len(names) // 2), 2)
+    size = min(num_drives, len(names) // 2)
     splits = []
     for _ in range(NUM_SPLITS):
         out = random.permutation(names)[:size]

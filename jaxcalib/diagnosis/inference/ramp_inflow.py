@@ -12,8 +12,22 @@ from jaxcalib.statistics.normal import HALF_WIDTH_90
 from surrogate.effects.ramp_inflow_error import RAMP_INFLOW_ERROR
 
 ORDINARY_DEVIATION = 0.12  # between days, of the ratio of true to given inflow
-ERROR_RANGE = (0.15, 0.7)  # of its error, either sign, if the given inflow is wrong
-NUM_POINTS = 400
+# Of its error, either sign, if the given inflow is wrong: all sizes up to the usual most are as likely; beyond, density
+# falls with the square, down to a closed ramp and up to five times the given inflow.
+ERROR_RANGE, MOST_ERROR, CLOSED = (0.15, 0.7), 4.0, -1.0
+NUM_POINTS = 4000
+
+
+def _prior() -> tuple[np.ndarray, np.ndarray]:
+    """Return errors and how likely each is beforehand."""
+    errors = np.linspace(CLOSED, MOST_ERROR, NUM_POINTS)
+    least, usual = ERROR_RANGE
+    size = np.abs(errors)
+    density = np.where(size < least, 0.0, np.minimum(1.0, (usual / np.maximum(size, least)) ** 2))
+    return errors, density / density.sum()
+
+
+ERRORS, PRIOR = _prior()
 
 
 def explain_ramps(none_evidence: float, ratios: dict[int, tuple[float, float]], main_ratio: float) -> Explained | None:
@@ -28,12 +42,12 @@ def explain_ramps(none_evidence: float, ratios: dict[int, tuple[float, float]], 
     for number, (ratio, error) in ratios.items():
         centre = 0.5 * (1.0 + np.clip(main_ratio, 0.8, 1.2))
         ordinary = norm.logpdf(ratio, centre, np.hypot(ORDINARY_DEVIATION, error))
-        sizes = np.linspace(*ERROR_RANGE, NUM_POINTS)
-        errors = np.concatenate([sizes, -sizes])
-        density = norm.pdf(ratio, centre * (1.0 + errors), np.hypot(error, 0.03))
-        strength = float(density @ errors / max(density.sum(), 1e-300))
-        spread = float(np.sqrt(max(density @ (errors - strength) ** 2 / max(density.sum(), 1e-300), 0.0)))
-        ramps.append((float(np.log(density.mean() + 1e-300) - ordinary), number, strength, spread))
+        likelihood = norm.pdf(ratio, centre * (1.0 + ERRORS), np.hypot(error, 0.03))
+        evidence = max(float(PRIOR @ likelihood), 1e-300)
+        posterior = PRIOR * likelihood / evidence
+        strength = float(posterior @ ERRORS)
+        spread = float(np.sqrt(max(posterior @ (ERRORS - strength) ** 2, 0.0)))
+        ramps.append((float(np.log(evidence) - ordinary), number, strength, spread))
     if not ramps:
         return None
     gain, number, strength, spread = max(ramps)

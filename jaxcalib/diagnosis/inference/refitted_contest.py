@@ -1,6 +1,6 @@
 """Which explanations are fitted again, and the contest between them once they are."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -78,7 +78,9 @@ def is_enough_alone(refits: Mapping[str, Refit], by_chance: float) -> bool:
     return any(refit.misfit <= MOST_LEFT * by_chance for refit in refits.values())
 
 
-def without_poor_fits(verdict: Verdict, refits: Mapping[str, Refit], by_chance: float) -> Verdict:
+def without_poor_fits(
+    verdict: Verdict, refits: Mapping[str, Refit], by_chance: float, never_alone: Collection[str] = ()
+) -> Verdict:
     """Return a verdict without the effects that leave too much even where strength and parameters were fitted again.
 
     The best of all explanations may be a poor one: then what is missing is none of the effects. Their probability goes
@@ -88,6 +90,8 @@ def without_poor_fits(verdict: Verdict, refits: Mapping[str, Refit], by_chance: 
         verdict: names one effect, or several that cannot be told apart.
         refits: by effect; one that was not fitted again stays.
         by_chance: squared misfit that chance leaves in the mean.
+        never_alone: effects that these drives cannot tell from others: none is named alone, though the others with it
+            leave too much.
     """
     left = {name: refits[name].misfit / by_chance for name in verdict.effects if name in refits}
     poor = [name for name in left if left[name] > MOST_LEFT]
@@ -96,10 +100,15 @@ def without_poor_fits(verdict: Verdict, refits: Mapping[str, Refit], by_chance: 
     told = {name: 0.0 if name in poor else share for name, share in verdict.probability.items()}
     told[UNKNOWN] += sum(verdict.probability[name] for name in poor)
     kept = tuple(name for name in verdict.effects if name not in poor)
-    if told[UNKNOWN] >= sum(told[name] for name in kept):
+    if not kept or told[UNKNOWN] >= sum(told[name] for name in kept):
         reason = (
             f"Something is missing that is none of the known effects: the best of them, "
             f"{poor[0].replace('_', ' ')}, leaves {left[poor[0]]:.1f} times as much as chance does."
         )
         return Verdict("unknown", (), told, reason)
-    return replace(verdict, kind="effect" if len(kept) == 1 else "class", effects=kept, probability=told)
+    if len(kept) != 1:
+        return replace(verdict, effects=kept, probability=told)
+    if kept[0] in never_alone:
+        return verdict
+    reason = "One effect explains the gap; what looks like it leaves too much where all are fitted again."
+    return Verdict("effect", kept, told, reason)

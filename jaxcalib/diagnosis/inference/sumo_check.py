@@ -90,13 +90,13 @@ def check_in_sumo(
     ]:
         name = left[0]
         looked_at.add(name)
-        medium = Explained(name, 0.0, strength=effect_named(name).medium)
-        best = signature_behind(known[name], medium)
-        strength = best.strengths[-1] if best.is_fixed else medium.strength
-        tallies = run(name, EffectSetting(strength), True)
+        likelier = next(explanation.strength for explanation in explained if explanation.name == name)
+        medium = effect_named(name).medium
+        best = signature_behind(known[name], Explained(name, 0.0, strength=np.copysign(medium, likelier)))
+        strength = best.strengths[-1] if best.is_fixed else medium
+        tallies = run(name, EffectSetting(best.sign * strength), True)
         if tallies is not None:
-            shift, error = measured_shift(tallies, plain, null)
-            known[name] = [corrected(each, best, strength, shift, error) for each in known[name]]
+            known[name] = _corrected(known[name], best, strength, measured_shift(tallies, plain, null))
             num_look_runs += tallies.num_runs
             explained = list(explain(known))
     checks: list[Check] = []
@@ -115,9 +115,16 @@ def check_in_sumo(
         shift, error = measured_shift(tallies, plain, null)
         in_surrogate = signature_behind(signatures[contender.name], contender)
         checks.append(_check(contender.name, in_surrogate, strength, shift, error, null, tallies.num_runs))
-        known[contender.name] = [corrected(each, best, strength, shift, error) for each in known[contender.name]]
+        known[contender.name] = _corrected(known[contender.name], best, strength, (shift, error))
         explained = list(explain(known))
     return Checked(explained, known, tuple(checks), num_look_runs)
+
+
+def _corrected(
+    several: Sequence[Signature], best: Signature, strength: float, measured: tuple[np.ndarray, np.ndarray]
+) -> list[Signature]:
+    """Return an effect's signatures, corrected but for those of the direction that SUMO has not shown."""
+    return [corrected(each, best, strength, *measured) if each.sign == best.sign else each for each in several]
 
 
 def corrected(

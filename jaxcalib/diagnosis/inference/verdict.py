@@ -30,17 +30,17 @@ class Verdict:
     reason: str  # one line for people
 
 
+def beforehand(names: Sequence[str]) -> dict[str, float]:
+    """Return the probability of each explanation before any drive, none and unknown among them."""
+    of_effect = (1.0 - PRIOR_NONE - PRIOR_UNKNOWN) / max(len(names) - 2, 1)
+    return {name: {NONE: PRIOR_NONE, UNKNOWN: PRIOR_UNKNOWN}.get(name, of_effect) for name in names}
+
+
 def probabilities(explained: Sequence[Explained], least: float, temperature: float) -> dict[str, float]:
     """Return the probability of each explanation, none and unknown among them; for the numbers see `judge`."""
     names = [explanation.name for explanation in explained]
     none = explained[names.index(NONE)].log_evidence
-    num_effects = max(len(names) - 2, 1)
-    prior = np.asarray(
-        [
-            {NONE: PRIOR_NONE, UNKNOWN: PRIOR_UNKNOWN}.get(name, (1.0 - PRIOR_NONE - PRIOR_UNKNOWN) / num_effects)
-            for name in names
-        ]
-    )
+    prior = np.asarray(list(beforehand(names).values()))
     gain = np.asarray([explanation.log_evidence - none for explanation in explained])
     is_none = np.asarray([name == NONE for name in names])
     prior_of, gain_of = prior[~is_none], gain[~is_none]

@@ -1,7 +1,8 @@
 """What drives like these could show: how strong an effect must be, what hides it, and what looks like it.
 
-How strong it must be is found by judging made-up fields as the field is judged: differences as noise, the parameters'
-shift and a trace that is as unlike its signature as the evidence allows for, and weaker or stronger, would make them.
+How strong it must be is found by judging made-up fields as the field is judged, by the least evidence of all drives
+together and without each of them: differences as noise, the parameters' shift and a trace that is as unlike its
+signature as the evidence allows for, and weaker or stronger, would make them.
 """
 
 from collections.abc import Mapping, Sequence
@@ -13,7 +14,9 @@ from scipy.special import logsumexp
 
 from jaxcalib.diagnosis.features.noise import NullModel
 from jaxcalib.diagnosis.features.signature import Signature
+from jaxcalib.diagnosis.inference.made_up_fields import NUM_FIELDS, MadeUpFields, make_fields
 from jaxcalib.diagnosis.inference.marginal_likelihood import (
+    MOST_STRENGTH,
     TRACE_ERROR,
     knees_of,
     predicted,
@@ -24,8 +27,8 @@ from jaxcalib.diagnosis.inference.marginal_likelihood import (
 from surrogate.effects.registry import effect_named
 
 POWER = 0.8  # an effect is visible if so many of such fields would show it
-NUM_FIELDS = 200  # made up for each strength; the same random numbers for all, so that power grows with the strength
-STRONGEST, WEAKEST = 2.0, 0.02  # strengths that are looked at, in units of the strongest that was tried
+# Strengths that are looked at, in units of the strongest that was tried; what is stronger is not judged either.
+STRONGEST, WEAKEST = MOST_STRENGTH, 0.02
 HALVINGS = 7  # of the ratio between the two: to 4 %
 MORE_DRIVES = 3
 ALIKE = 0.8
@@ -47,16 +50,24 @@ def atlas_of(
     signatures: Mapping[str, Sequence[Signature]],
     null: NullModel,
     num_drives: int,
+    of_mean: float,
     num_places: Mapping[str, int],
     needed_gain: float,
 ) -> dict[str, AtlasEntry]:
     """Return the atlas; of local effects and rhythms the strongest signature speaks for the rest.
 
-    `needed_gain` is the log evidence that an effect has to have above the baseline's.
+    Args:
+        signatures: of all effects.
+        null: the null model of the field.
+        num_drives: drives in the field.
+        of_mean: variance of the null model's mean, in units of one drive's.
+        num_places: how many places and times were looked at for each local effect.
+        needed_gain: the log evidence that an effect has to have above the baseline's.
     """
     precision, raw = np.linalg.inv(null.covariance), np.linalg.inv(null.noise)
     by_chance, knees = raw * null.noise, knees_of(null.cells)
-    random = np.random.default_rng(0).standard_normal((2 * len(precision) + 1, NUM_FIELDS))
+    random = np.random.default_rng(1).standard_normal((len(precision) + 1, NUM_FIELDS))
+    now_and_later = [make_fields(null, num_drives, of_mean, num_more) for num_more in (0, MORE_DRIVES)]
 
     def slope(signature: Signature) -> float:
         return float(signature.shift[-1] @ precision @ signature.shift[-1]) / signature.strengths[-1]
@@ -82,7 +93,7 @@ def atlas_of(
                     _Judge(
                         each,
                         medium,
-                        share * null.covariance,
+                        fields,
                         knees,
                         cost,
                         _true_shares(each, raw, by_chance),
@@ -91,7 +102,7 @@ def atlas_of(
                 ],
                 random,
             )
-            for share in (1.0, num_drives / (num_drives + MORE_DRIVES))
+            for fields in now_and_later
         )
         entries[name] = AtlasEntry(
             absorption=float(np.clip(1.0 - seen / total, 0.0, 1.0)) if total > 0 else 0.0,
@@ -109,7 +120,7 @@ class _Judge:
         self,
         signature: Signature,
         medium: float,
-        covariance: np.ndarray,
+        fields: MadeUpFields,
         knees: np.ndarray,
         cost: float,
         true_shares: list[float],
@@ -119,7 +130,7 @@ class _Judge:
         Args:
             signature: of the effect.
             medium: its medium strength.
-            covariance: of the null.
+            fields: without the effect.
             knees: from where on differences count by their logarithm.
             cost: what evidence needs: above the baseline's, and for the places and times that were looked at.
             true_shares: what of the signature is no chance of its runs, at each known strength but 0.
@@ -128,17 +139,18 @@ class _Judge:
         self.is_fixed = signature.is_fixed
         self._signature, self._knees = signature, knees
         self._cost, self._true_shares = cost, true_shares
-        self._none = np.linalg.cholesky(covariance)
+        self._fields = fields
+        self._none = np.linalg.cholesky(fields.covariance)
         self._explanations = []
         for strength in strengths_of(signature, medium):
             shift, uncertain = predicted(signature, strength, knees)
-            self._explanations.append((shift, np.linalg.cholesky(covariance + uncertain)))
+            self._explanations.append((shift, np.linalg.cholesky(fields.covariance + uncertain)))
 
-    def power(self, strength: float, random: np.ndarray) -> float:
-        """Return the share of fields with the effect whose evidence for it suffices.
+    def is_seen(self, strength: float, random: np.ndarray) -> bool:
+        """Say whether the evidence of enough fields with the effect suffices, of all drives and without each of them.
 
-        Random are standard normal numbers, [2 features and 1, field]: one half makes chance, the other what traces are
-        unlike their signature, and the last row says how strong they are.
+        Random are standard normal numbers, [feature and 1, field]: they make what traces are unlike their signature,
+        and the last row says how strong they are.
         """
         known = self.strengths[1:]
         not_true = 1.0 - np.interp(strength, known, self._true_shares)
@@ -147,12 +159,19 @@ class _Judge:
         shown = strength * np.exp(TRACE_ERROR * np.mean(self._signature.exactness) * random[-1])
         true = np.interp(shown, known, self._true_shares)
         shift = true * np.stack([self._signature.at(each)[0] for each in shown], axis=1)
-        chance, unlike = np.split(random[:-1], 2)
-        traces = np.linalg.cholesky(uncertain + TINY * np.eye(len(uncertain))) @ unlike
-        fields = squeezed(shift + self._none @ chance, self._knees[:, None]) + traces
+        traces = np.linalg.cholesky(uncertain + TINY * np.eye(len(uncertain))) @ random[:-1]
+        is_enough = np.ones(NUM_FIELDS, bool)
+        for chance, scale in zip(self._fields.chance, self._fields.scale, strict=True):
+            fields = squeezed(scale * shift + chance, self._knees[:, None]) + scale * traces
+            is_enough[is_enough] = self._gain(fields[:, is_enough]) >= 0.0
+            if is_enough.mean() < POWER:
+                return False
+        return True
+
+    def _gain(self, fields: np.ndarray) -> np.ndarray:
+        """Return the evidence for the effect beyond what is asked of it, [field]."""
         values = [_log_density(fields - at[:, None], root) for at, root in self._explanations]
-        gain = logsumexp(values, axis=0) - np.log(len(values)) - self._cost - _log_density(fields, self._none)
-        return float(np.mean(gain >= 0.0))
+        return logsumexp(values, axis=0) - np.log(len(values)) - self._cost - _log_density(fields, self._none)
 
 
 def _true_shares(signature: Signature, inverse: np.ndarray, by_chance: np.ndarray) -> list[float]:
@@ -176,15 +195,15 @@ def _log_density(differences: np.ndarray, root: np.ndarray) -> np.ndarray:
 def _visible_from(several: Sequence[_Judge], random: np.ndarray) -> float | None:
     """Return the weakest strength that enough fields show; of fixed signatures the weakest that is."""
     if several[0].is_fixed:
-        visible = [float(judge.strengths[-1]) for judge in several if judge.power(judge.strengths[-1], random) >= POWER]
+        visible = [float(judge.strengths[-1]) for judge in several if judge.is_seen(judge.strengths[-1], random)]
         return min(visible, default=None)
     (judge,) = several
     low, high = WEAKEST * judge.strengths[-1], STRONGEST * judge.strengths[-1]
-    if judge.power(high, random) < POWER:
+    if not judge.is_seen(high, random):
         return None
-    if judge.power(low, random) >= POWER:
+    if judge.is_seen(low, random):
         return float(low)
     for _ in range(HALVINGS):
         middle = np.sqrt(low * high)
-        low, high = (low, middle) if judge.power(middle, random) >= POWER else (middle, high)
+        low, high = (low, middle) if judge.is_seen(middle, random) else (middle, high)
     return float(high)

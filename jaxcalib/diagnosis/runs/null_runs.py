@@ -104,7 +104,8 @@ def sensor_strengths(effect: Effect, interval_s: float) -> tuple[float, ...]:
     """Strengths at which a sensor's effect is put into recorded drives."""
     strengths = (effect.weak, effect.medium, effect.strong)
     if effect.is_whole_steps:
-        strengths = tuple(sorted({max(1, round(strength / interval_s)) * interval_s for strength in strengths}))
+        multiples = sorted({max(1, round(strength / interval_s)) for strength in strengths})
+        strengths = tuple(round(multiple * interval_s, 4) for multiple in multiples)  # as measured ones are
     return (*strengths, *(-strength for strength in strengths[1:])) if effect.is_signed else strengths
 
 

@@ -54,6 +54,7 @@ def gather_findings(
             checked.signatures,
             baseline.fitted.null,
             int(session.is_fit.sum()),
+            1.0 / baseline.runs.plain.num_independent,
             num_places,
             judged.grounds.needed_gain,
         ),

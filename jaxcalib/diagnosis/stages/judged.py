@@ -17,6 +17,7 @@ from jaxcalib.diagnosis.inference.pairs import Pairs, judge_pairs
 from jaxcalib.diagnosis.inference.sumo_check import Checked
 from jaxcalib.diagnosis.inference.verdict import LEAST_EVIDENCE, Verdict, judge
 from jaxcalib.diagnosis.stages.session import DiagnosisSession
+from surrogate.effects.registry import EFFECTS
 
 
 @dataclass(frozen=True)
@@ -35,6 +36,11 @@ class Grounds:
     def is_sure_of_two(self) -> bool:
         """Whether two effects are there, of which one at least is sure."""
         return self.pairs is not None and bool(self.pairs.sure)
+
+    @property
+    def never_alone(self) -> tuple[str, ...]:
+        """Effects that are not named without another one."""
+        return tuple(effect.name for effect in EFFECTS) if self.few_drives else self.aliased
 
     def verdict_on(self, explained: Sequence[Explained]) -> Verdict:
         """The verdict on explanations."""

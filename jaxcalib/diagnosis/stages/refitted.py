@@ -51,7 +51,7 @@ def refit_best(
         explained = with_refits(checked.explained, refits)
         verdict = grounds.verdict_on(explained)
         if not grounds.is_sure_of_two:  # each of two leaves what the other does
-            verdict = without_poor_fits(verdict, refits, grounds.by_chance)
+            verdict = without_poor_fits(verdict, refits, grounds.by_chance, grounds.never_alone)
         return Refitted(explained, verdict, refits)
 
 

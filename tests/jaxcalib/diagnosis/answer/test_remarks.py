@@ -25,8 +25,10 @@ def findings(
     moved: Sequence[str] = (),
     instead_of: str = "",
     held_out: Any = "some",
+    num_held_out: int = 1,
 ) -> Findings:
-    drives = [SimpleNamespace(depart_s=depart_s) for depart_s in departs_s]
+    drives = [SimpleNamespace(depart_s=depart_s, role="fit") for depart_s in departs_s]
+    drives += [SimpleNamespace(depart_s=900.0, role="held_out")] * num_held_out
     problem = SimpleNamespace(warnings=list, layout=SimpleNamespace(names=NAMES), case=SimpleNamespace(drives=drives))
     fitted = SimpleNamespace(tallies=range(num_drives), difference=np.asarray(steps), null=NULL)
     return cast(
@@ -42,14 +44,15 @@ def test_usual_drives_need_no_warning():
     ("some", "words"),
     [
         (findings(num_drives=2), "2 drives to fit"),
-        (findings(departs_s=(300.0, 300.0)), "all drives depart at the same time"),
+        (findings(departs_s=(300.0, 300.0)), "all drives to fit depart at the same time"),
         (findings(steps=(0.5, -4.0, 1.0)), "tau: the features would move them farther"),
         (findings(moved=("lcSpeedGain", "lcStrategic")), "lcSpeedGain, lcStrategic: no log shows them by itself"),
         (
             findings(moved=("lcSpeedGain",), instead_of="lane_change_relaxation"),
             "Where they were, the best explanation was: lane change relaxation.",
         ),
-        (findings(held_out=None), "no drive is held out"),
+        (findings(held_out=None, num_held_out=0), "no drive is held out"),
+        (findings(held_out=None), "too little is seen of the drives that are held out"),
     ],
 )
 def test_each_trouble_has_a_line(some: Findings, words: str):

@@ -84,3 +84,13 @@ def test_places_where_all_runs_fail_are_not_moved_to():
         signatures["grade"][0].shift[1], NULL, AGREE, [best], signatures, VALUES, NUM_RUNS, (1, 2), fails
     )
     assert refined == signatures
+
+
+def test_an_effect_of_two_directions_is_tried_in_both():
+    trials = effect_trials(VALUES, NUM_RUNS, {})
+    for effect in {one.effect.name: one.effect for one in trials}.values():
+        strengths = [one.strength for one in trials if one.effect == effect]
+        assert (min(strengths) < 0.0) == effect.is_signed
+        assert max(strengths) > 0.0
+    names = [one.trial.name for one in trials]
+    assert len(set(names)) == len(names)

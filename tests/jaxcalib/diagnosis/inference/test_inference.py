@@ -13,6 +13,7 @@ from jaxcalib.diagnosis.features.signature import Signature
 from jaxcalib.diagnosis.inference.atlas import ALTERED_EXACTNESS, READING_EXACTNESS, altered_exactness
 from jaxcalib.diagnosis.inference.further import most_flexible_shift, next_steps
 from jaxcalib.diagnosis.inference.ledger import make_ledger, parameter_shift, remaining_covariance
+from jaxcalib.diagnosis.inference.left_out import differences_of
 from jaxcalib.diagnosis.inference.marginal_likelihood import (
     NONE,
     TRACE_ERROR,
@@ -36,6 +37,7 @@ from tests.jaxcalib.diagnosis.synthetic import made_up_null
 
 NULL = made_up_null()
 SIZE = len(NULL.cells)
+OF_MEAN = 1.0 / 40.0  # variance of the null model's mean, in units of one drive's
 BY_CHANCE = 0.7 * SIZE  # squared misfit that chance leaves
 TEMPERATURE = 3.0  # what evidence between explanations is divided by here
 
@@ -125,24 +127,34 @@ def test_below_the_weakest_strength_tried_a_signature_goes_on_as_it_grows_above(
         np.testing.assert_allclose(one.at(strength)[0], strength**power * direction, rtol=1e-9)
 
 
-def test_an_effect_is_visible_from_where_four_of_five_fields_show_it():
-    """An exact signature, and fields that this test makes and judges by itself."""
-    one = replace(signature("memory", 5, size=0.2), exactness=0.0)
-    visible = atlas_of({"memory": [one]}, NULL, 8, {}, LEAST_EVIDENCE)["memory"].visible_from
+@pytest.mark.parametrize("num_drives", [1, 2, 5])
+def test_an_effect_is_visible_from_where_four_of_five_fields_show_it(num_drives: int):
+    """An exact signature, and drives that this test makes and judges by itself, as a verdict judges the field's."""
+    one = replace(signature("memory", 5, size=0.5), exactness=0.0)
+    visible = atlas_of({"memory": [one]}, NULL, num_drives, OF_MEAN, {}, LEAST_EVIDENCE)["memory"].visible_from
     assert visible is not None
     medium = effect_named("memory").medium
+    of_drive = NULL.noise / (1.0 / num_drives + OF_MEAN)
+    random = np.random.default_rng(6)
     for strength, low, high in ((visible, 0.7, 0.9), (0.7 * visible, 0.0, 0.6)):
         shown = 0
-        for seed in range(150):
-            field = noise(seed) + one.at(strength)[0]
-            gain = explain(field, NULL, [one], medium).log_evidence - explain_none(field, NULL).log_evidence
-            shown += gain >= LEAST_EVIDENCE
+        for _ in range(150):
+            drives = random.multivariate_normal(np.zeros(SIZE), of_drive, num_drives)
+            common = NULL.covariance - NULL.noise + OF_MEAN * of_drive
+            drives += one.at(strength)[0] + random.multivariate_normal(np.zeros(SIZE), common)
+            values = NULL.mean + drives * NULL.deviation
+            tallies = DriveTallies(NULL.cells, values, np.ones_like(drives), np.zeros(num_drives))
+            gains = [
+                explain(field, NULL, [one], medium).log_evidence - explain_none(field, NULL).log_evidence
+                for field in differences_of(tallies, NULL, OF_MEAN)
+            ]
+            shown += min(gains) >= LEAST_EVIDENCE
         assert low <= shown / 150 <= high
 
 
 def test_what_hides_an_effect_raises_the_strength_from_which_it_is_visible():
     def visible_from(one: Signature, **more: int) -> float:
-        found = atlas_of({"memory": [one]}, NULL, 8, more, LEAST_EVIDENCE)["memory"].visible_from
+        found = atlas_of({"memory": [one]}, NULL, 8, OF_MEAN, more, LEAST_EVIDENCE)["memory"].visible_from
         return np.inf if found is None else found
 
     one = signature("memory", 5, size=0.4)
@@ -150,10 +162,10 @@ def test_what_hides_an_effect_raises_the_strength_from_which_it_is_visible():
     assert exact < visible_from(one)  # the surrogate may be wrong
     assert exact < visible_from(replace(one, exactness=0.0), memory=40)  # forty places were looked at
     # most of what was measured may be chance: errors as large as the signature itself
-    assert visible_from(replace(one, error=np.abs(one.shift))) > 1.1 * visible_from(one)
-    needs_more = atlas_of({"memory": [one]}, NULL, 8, {}, 3.0 * LEAST_EVIDENCE)["memory"].visible_from
+    assert visible_from(replace(one, error=np.abs(one.shift))) > 1.05 * visible_from(one)
+    needs_more = atlas_of({"memory": [one]}, NULL, 8, OF_MEAN, {}, 3.0 * LEAST_EVIDENCE)["memory"].visible_from
     assert needs_more is None or needs_more > visible_from(one)  # chance has as much
-    more = atlas_of({"memory": [one]}, NULL, 8, {}, LEAST_EVIDENCE)["memory"].visible_with_more
+    more = atlas_of({"memory": [one]}, NULL, 8, OF_MEAN, {}, LEAST_EVIDENCE)["memory"].visible_with_more
     assert more is not None
     assert 0.5 * visible_from(one) < more < visible_from(one)
 
@@ -246,6 +258,15 @@ def test_a_ramp_far_from_its_given_inflow_is_an_error_of_inflow():
     assert near.log_evidence < -10.0
     assert far.strength == pytest.approx(-0.55, abs=0.06)
     assert explain_ramps(-10.0, {}, 1.0) is None
+
+
+@pytest.mark.parametrize("truth", [-0.95, -0.85, -0.4, 0.5, 0.9, 1.5, 2.5])
+def test_a_ramp_s_inflow_may_be_wrong_by_any_size(truth: float):
+    found = explain_ramps(0.0, {1: (1.0 + truth, 0.05)}, 1.0)
+    assert found is not None
+    assert found.log_evidence > 2.5
+    assert found.strength == pytest.approx(truth, abs=0.05)
+    assert found.interval[0] < truth < found.interval[1]
 
 
 def test_two_effects_are_found_together_and_not_in_the_errors_of_one():

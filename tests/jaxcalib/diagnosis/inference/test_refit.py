@@ -254,6 +254,11 @@ def test_what_leaves_too_much_though_it_was_fitted_again_is_not_named():
     assert without_poor_fits(both, {"memory": good}, 40.0) is both
     other = without_poor_fits(both, {"memory": good, "keep_right": poor}, 40.0)
     assert (other.kind, other.effects) == ("effect", ("memory",))
+    assert "One effect" in other.reason
+    # where these drives cannot tell it from others, what is named with it stays
+    refits = {"memory": good, "keep_right": poor}
+    assert without_poor_fits(both, refits, 40.0, never_alone=("memory", "keep_right")) is both
+    assert without_poor_fits(both, refits, 40.0, never_alone=("keep_right",)).kind == "effect"
     assert other.probability == {"memory": 0.6, "keep_right": 0.0, "grade": 0.05, "unknown": 0.35, "none": 0.0}
     # what is left of a set need not be likely
     assert without_poor_fits(both, {"memory": poor, "keep_right": good}, 40.0).kind == "unknown"

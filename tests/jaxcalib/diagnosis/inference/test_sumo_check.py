@@ -1,5 +1,7 @@
 """What SUMO's own runs make of a surrogate's signatures, on made-up tallies."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -138,3 +140,26 @@ def test_what_fails_in_sumo_keeps_the_surrogate_s_signature():
     assert asked == [("keep_right", True), ("keep_right", False)]  # the other is far behind
     assert checked.checks == ()
     assert checked.signatures == signatures
+
+
+def test_of_two_directions_sumo_shows_the_likelier_one_and_corrects_that_alone():
+    more, less = signature("cooperative_yielding", -0.3 * DIRECTION), signature("cooperative_yielding", WRONG)
+    less = replace(less, sign=-1.0)
+    difference = np.linalg.cholesky(NULL.covariance) @ np.random.default_rng(8).standard_normal(SIZE) + 1.2 * DIRECTION
+
+    def explained(several):
+        return [*(explain(difference, NULL, one, 1.0) for one in several.values()), explain_none(difference, NULL)]
+
+    asked = []
+
+    def run(name: str, setting, is_first_look: bool) -> DriveTallies:
+        asked.append(setting.strength)
+        return runs(-setting.strength * DIRECTION, 9)
+
+    signatures = {"cooperative_yielding": [more, less]}
+    checked = check_in_sumo(NULL, runs(np.zeros(SIZE), 4), signatures, LITTLE, explained, lambda _: True, run)
+    assert max(asked) < 0.0
+    untouched, found = checked.signatures["cooperative_yielding"]
+    assert untouched is more
+    assert np.abs(found.shift[1] - DIRECTION).mean() < 0.5 * np.abs(WRONG - DIRECTION).mean()
+    assert checked.explained[0].strength == pytest.approx(-1.2, rel=0.25)
