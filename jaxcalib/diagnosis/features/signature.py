@@ -20,6 +20,8 @@ class Signature:
     exactness: float | np.ndarray = 1.0
     sign: float = 1.0  # of the strengths, which are kept as sizes
     is_fixed: bool = False  # whether it holds at its own strength only: a rhythm, or a duration with its place in time
+    # whether its runs showed the features, of all or of each; shift and error of one that they did not are 0
+    is_shown: bool | np.ndarray = True
 
     @property
     def exponent(self) -> float:

@@ -181,9 +181,10 @@ def altered_signatures(
                 noises = np.where(is_identity, error, noise)
                 grid = np.asarray([0.0, strength])
                 zero = np.zeros_like(both)
-                signatures.setdefault(name, []).append(
-                    Signature(name, {}, grid, np.stack([zero, both]), np.stack([zero, noises]), is_fixed=True)
-                )
+                shown = is_identity | in_traffic.is_shown
+                shifts, errors = np.stack([zero, both]), np.stack([zero, noises])
+                one = Signature(name, {}, grid, shifts, errors, is_fixed=True, is_shown=shown)
+                signatures.setdefault(name, []).append(one)
     return signatures
 
 
@@ -212,7 +213,9 @@ def _signature(
     error = np.stack([zero, *(np.where(np.isfinite(row[1]), row[1], 0.0) / null.deviation for row in rows)])
     sign = float(np.sign(strengths[0]))
     sizes = np.abs([0.0, *strengths])
-    return Signature(name, setting, sizes, shift, error, exactness, sign, is_fixed=effect_named(name).lasts_as_strength)
+    is_shown = np.all([np.isfinite(row[1]) for row in rows], axis=0)
+    is_fixed = effect_named(name).lasts_as_strength
+    return Signature(name, setting, sizes, shift, error, exactness, sign, is_fixed, is_shown)
 
 
 def _tuple(values: np.ndarray) -> tuple[float, ...]:

@@ -48,8 +48,8 @@ class Explained:
 
     name: str  # effect, or none, or unknown
     log_evidence: float  # logarithm of the marginal likelihood
-    strength: float = 0.0  # posterior mean; 0 for none and unknown
-    interval: tuple[float, float] = (0.0, 0.0)  # 90 % interval of the strength
+    strength: float = 0.0  # posterior mean at the place and in the direction that agree best; 0 for none and unknown
+    interval: tuple[float, float] = (0.0, 0.0)  # 90 % interval of the strength, at any place and in any direction
     setting: Mapping[str, float] | None = None  # place and time that agree best
     best_misfit: float = float("nan")  # whitened squared misfit at the best strength, and its number of features
     shift: np.ndarray | None = None  # expected signature at the posterior
@@ -187,14 +187,18 @@ def explain(
     posterior = np.exp(tempered - np.logaddexp.reduce(tempered))
     best = int(np.argmax(log_values))
     winner = signatures[likelihoods.numbers[best]]
+    # elsewhere another direction may fit what the winner's leaves: their mean would be an effect that is nowhere
+    like_winner = np.asarray([each.setting == winner.setting and each.sign == winner.sign for each in signatures])
+    there = posterior * like_winner[np.asarray(likelihoods.numbers)]
+    there /= there.sum()
     return Explained(
         name=signatures[0].effect,
         log_evidence=float(effect_evidence(likelihoods, num_places)[0]),
-        strength=float(posterior @ likelihoods.strengths),
+        strength=float(there @ likelihoods.strengths),
         interval=interval_90(likelihoods.strengths, posterior, open_form(winner)),
         setting=winner.setting,
         best_misfit=float(likelihoods.squares[best, 0]),
-        shift=posterior @ likelihoods.shifts,
+        shift=there @ likelihoods.shifts,
     )
 
 

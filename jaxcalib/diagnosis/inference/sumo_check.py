@@ -133,19 +133,22 @@ def corrected(
     """Return a signature that SUMO's corrects: at the strength that was run the precision-weighted mean of both.
 
     At other strengths, and for the same effect at another rhythm, the correction counts in proportion to the strength.
-    The error is inf where SUMO showed nothing.
+    The error is inf where SUMO showed nothing; where the surrogate did not, what SUMO shows is all that is known.
     """
     own, own_error = best.at(strength)
     own_variance = (SIGNATURE_ERROR * best.exactness * own) ** 2 + own_error**2
+    is_measured = np.isfinite(error)
     weight = own_variance / np.maximum(own_variance + error**2, 1e-12)
-    change = weight * np.where(np.isfinite(error), shift - own, 0.0)
-    remaining = np.sqrt(own_variance * (1.0 - weight))
+    weight = np.where(is_measured & ~np.asarray(best.is_shown), 1.0, weight)
+    change = weight * np.where(is_measured, shift - own, 0.0)
+    remaining = np.where(weight < 1.0, np.sqrt(own_variance * (1.0 - weight)), np.where(is_measured, error, 0.0))
     share = (signature.strengths / strength)[:, None]
     return replace(
         signature,
         shift=signature.shift + share * change,
         error=np.where(share > 0.0, share * remaining, 0.0),
         exactness=np.minimum(signature.exactness, CHECKED_EXACTNESS),
+        is_shown=signature.is_shown | is_measured,
     )
 
 

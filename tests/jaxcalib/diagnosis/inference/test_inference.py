@@ -80,6 +80,20 @@ def test_an_effect_is_named_with_its_strength(name: str):
     assert np.mean(strengths) == pytest.approx(1.3, rel=0.15)
 
 
+def test_the_strength_told_is_that_of_the_place_and_direction_told():
+    """Uphill here, and downhill elsewhere with much the same trace: each says the other's size with its own sign."""
+    here = replace(SIGNATURES["grade"], setting={"route_from_m": 800.0})
+    direction = 0.8 * here.shift + 0.6 * SIGNATURES["memory"].shift
+    elsewhere = replace(here, setting={"route_from_m": 1600.0}, shift=direction, sign=-1.0)
+    for seed in range(6):
+        difference = noise(seed) + 1.3 * here.shift[1]
+        found = explain(difference, NULL, [here, elsewhere], 1.0)
+        alone = explain(difference, NULL, [here if found.setting == here.setting else elsewhere], 1.0)
+        assert found.strength == pytest.approx(alone.strength)
+        assert found.shift == pytest.approx(alone.shift)
+        assert found.interval[0] < found.strength < found.interval[1]
+
+
 def test_what_matches_no_signature_is_unknown():
     strange = 4.0 * np.random.default_rng(99).standard_normal(SIZE)
     found = explained(noise(7) + strange)

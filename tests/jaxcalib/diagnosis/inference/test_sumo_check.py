@@ -52,6 +52,19 @@ def test_a_correction_is_a_mean_of_both_and_grows_with_strength():
     np.testing.assert_array_equal(unseen.shift, one.shift)
 
 
+def test_where_the_surrogate_shows_nothing_sumo_is_believed():
+    is_shown = np.arange(SIZE) % 4 > 0
+    one = replace(signature("memory", np.where(is_shown, WRONG, 0.0)), is_shown=is_shown)
+    error = np.where(np.arange(SIZE) % 8 > 0, 0.3, np.inf)
+    found = corrected(one, one, 1.5, 1.5 * DIRECTION, error)
+    there, _ = found.at(1.5)
+    alone, nowhere = ~is_shown & np.isfinite(error), ~is_shown & np.isinf(error)
+    np.testing.assert_allclose(there[alone], 1.5 * DIRECTION[alone])
+    np.testing.assert_allclose(found.error[2][alone], 2.0 / 1.5 * 0.3)
+    np.testing.assert_array_equal(there[nowhere], 0.0)
+    np.testing.assert_array_equal(found.is_shown, ~nowhere)
+
+
 LITTLE = 1.0  # misfit by chance: what any explanation leaves makes evidence worth little
 
 
