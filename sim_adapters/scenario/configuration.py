@@ -45,6 +45,7 @@ class SumoConfiguration:
     lane_change_duration_s: float  # time that a lane change takes; 0 for none
     scale: float  # factor on all demand
     processing: Mapping[str, str]  # all further options that are handed to SUMO
+    read_files: Mapping[str, tuple[Path, ...]]  # files that some of them name, by option
     ignored: tuple[str, ...]  # one line for each thing that was left out
 
     def is_on(self, option: str) -> bool:
@@ -77,6 +78,10 @@ def read_configuration(file: Path) -> SumoConfiguration:
     additional = _paths(file, options.pop("additional-files", ""))
     if len(nets) != 1 or not routes:
         raise ScenarioError(file, "expected <net-file> with one network and <route-files>.")
+    read_files = {
+        option: _paths(file, value) for option, value in options.items() if option.endswith(("-file", "-files"))
+    }
+    options |= {option: ",".join(map(str, files)) for option, files in read_files.items()}
     end = options.pop("end", "")
     end_s = read_time_s(end) if end else None
     return SumoConfiguration(
@@ -90,6 +95,7 @@ def read_configuration(file: Path) -> SumoConfiguration:
         lane_change_duration_s=_time_s(file, "lanechange.duration", options.get("lanechange.duration", "0")),
         scale=_time_s(file, "scale", options.get("scale", "1"), "a factor"),
         processing=options,
+        read_files=read_files,
         ignored=tuple(ignored),
     )
 

@@ -36,14 +36,10 @@ def read_vtype(known: Definitions, file: Path, element: ET.Element) -> None:
     """Keep a vType, or a distribution of them."""
     name = attribute_of(file, element, "id")
     if element.tag == "vType":
-        attributes = dict(element.attrib)
-        for child in element:  # SUMO takes a model's parameters in an element of its own, too
-            if child.tag.startswith("carFollowing-"):
-                attributes = {"carFollowModel": child.tag.removeprefix("carFollowing-")} | attributes | child.attrib
-        known.vtypes[name] = attributes
+        known.vtypes[name] = dict(element.attrib)
         return
     mix = []
-    for member, share, inner in members_of(element, "vType"):
+    for member, share, inner in members_of(element, "vType", lambda vtype: _own_share(known, vtype)):
         if inner is not None and inner.get("id"):
             read_vtype(known, file, inner)
         if member not in known.vtypes:
@@ -52,6 +48,10 @@ def read_vtype(known: Definitions, file: Path, element: ET.Element) -> None:
     if not mix:
         raise ScenarioError(file, f"vTypeDistribution '{name}': expected vTypes; there are none.")
     known.vtype_mixes[name] = mix
+
+
+def _own_share(known: Definitions, vtype: str) -> float:
+    return float(known.vtypes.get(vtype, {}).get("probability") or 1.0)
 
 
 def read_route(known: Definitions, file: Path, element: ET.Element) -> None:
@@ -94,7 +94,7 @@ def vtypes_of(known: Definitions, file: Path, element: ET.Element) -> list[tuple
     return [(name, 1.0)]
 
 
-def routes_of(known: Definitions, file: Path, element: ET.Element, vtype: str) -> list[tuple[Route, float]]:
+def routes_of(known: Definitions, file: Path, element: ET.Element) -> list[tuple[Route, float]]:
     """The routes of a mover and their shares."""
     inner = element.find("route")
     mix = element.find("routeDistribution")
@@ -110,6 +110,7 @@ def routes_of(known: Definitions, file: Path, element: ET.Element, vtype: str) -
     origin, destination = element.get("from"), element.get("to")
     what = f"<{element.tag}> '{element.get('id')}'"
     if not name and origin and destination:
+        vtype = element.get("type") or DEFAULT_VTYPE  # SUMO's router takes a distribution's name, too
         route = known.find_route(origin, destination, tuple((element.get("via") or "").split()), vtype)
         if route is None:
             raise ScenarioError(

@@ -2,7 +2,7 @@
 
 import re
 import xml.etree.ElementTree as ET
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -89,8 +89,23 @@ def rate_of(file: Path, element: ET.Element, begin_s: float, end_s: float) -> Ra
     return Rate(rate, is_regular, begin_s, until_s)
 
 
-def members_of(element: ET.Element, tag: str) -> list[tuple[str, float, ET.Element | None]]:
-    """Members of a distribution: their ids, their probabilities, and their elements where they stand inside it."""
+def has_rate(element: ET.Element) -> bool:
+    """Return whether a flow says how many vehicles come in a time."""
+    return any(element.get(key) for key in ("period", "probability", "poisson", *HOURLY))
+
+
+def is_number_alone(element: ET.Element) -> bool:
+    """Return whether a flow says how many vehicles come, and not in which time."""
+    return bool(element.get("number")) and not has_rate(element)
+
+
+def members_of(
+    element: ET.Element, tag: str, own_share: Callable[[str], float] = lambda _: 1.0
+) -> list[tuple[str, float, ET.Element | None]]:
+    """Members of a distribution: their ids, their probabilities, and their elements where they stand inside it.
+
+    `own_share` is the probability of a member that stands elsewhere, where the distribution states none.
+    """
     inner = [
         (child.get("id") or child.get("refId") or "", float(child.get("probability") or 1.0), child)
         for child in element
@@ -98,7 +113,7 @@ def members_of(element: ET.Element, tag: str) -> list[tuple[str, float, ET.Eleme
     ]
     names = (element.get(f"{tag}s") or "").replace(",", " ").split()
     shares = [float(text) for text in (element.get("probabilities") or "").replace(",", " ").split()]
-    shares += [1.0] * (len(names) - len(shares))
+    shares += [own_share(name) for name in names[len(shares) :]]
     return [*inner, *((name, share, None) for name, share in zip(names, shares, strict=False))]
 
 

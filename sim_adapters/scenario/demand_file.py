@@ -1,14 +1,15 @@
 """Everything that drives in a scenario: flows and single vehicles, from SUMO's route and additional files.
 
 A flow of several vTypes or routes (distributions) is read as one part for each, with its share of the rate. Single
-vehicles and trips are kept one by one; for the surrogate, and for inputs, those that enter at one edge are a flow whose
-name is that edge's (`vehicles_id`).
+vehicles and trips are kept one by one, and dealt the members of theirs, for SUMO draws them; for the surrogate, and for
+inputs, those that enter at one edge are a flow whose name is that edge's (`vehicles_id`).
 """
 
 import xml.etree.ElementTree as ET
-from collections.abc import Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TypeVar
 
 from sim_adapters.errors import ScenarioError
 from sim_adapters.scenario.demand_definitions import (
@@ -30,7 +31,9 @@ from sim_adapters.scenario.demand_elements import (
 )
 from sim_adapters.scenario.demand_windows import Windows, cut_flows
 from sim_adapters.scenario.finding import Finding, Level
+from sim_adapters.scenario.plain_form import MOVERS, plain_elements
 from sim_adapters.scenario.sumo_files import read_xml
+from sim_adapters.scenario.unfollowed import mover_findings
 
 # Elements that move nobody, and those that act on traffic by themselves.
 BESIDE = (
@@ -43,6 +46,7 @@ BESIDE = (
 ACTING = ("rerouter", "calibrator", "variableSpeedSign", "closingReroute")
 OTHER_TRAFFIC = ("person", "personFlow", "container", "containerFlow", "personTrip", "walk", "ride")
 VEHICLES = "vehicles of "
+Member = TypeVar("Member")
 
 
 def vehicles_id(edge: str) -> str:
@@ -88,6 +92,8 @@ class Demand:
     subject_depart_s: float  # when the file lets it depart
     subject_departure: Departure  # how it departs
     findings: tuple[Finding, ...] = ()  # what else stands in the files
+    # edge at which each single vehicle enters, by id, those of the time after the end, too
+    entrance_of: Mapping[str, str] = field(default_factory=dict)
     # in which file each element stands, by tag and id, for messages
     files: Mapping[tuple[str, str], Path] = field(default_factory=dict)
 
@@ -113,6 +119,7 @@ def read_demand(
     scale: float = 1.0,
     find_route: FindRoute = lambda origin, destination, via, vtype: None,
     windows: Windows | None = None,
+    stated_end_s: float | None = None,
 ) -> Demand:
     """Read everything that drives.
 
@@ -125,6 +132,7 @@ def read_demand(
         scale: SUMO's factor on all demand.
         find_route: finds the edges of trips.
         windows: of time, in which flows have a factor of their own.
+        stated_end_s: end of the configuration, over which a flow's number is spread; None where it states none.
 
     Raises:
         ScenarioError: something is missing, or SUMO would refuse it.
@@ -134,13 +142,13 @@ def read_demand(
     movers: list[tuple[Path, ET.Element]] = []
     places: dict[tuple[str, str], Path] = {}
     for file in files:
-        for element in cut_flows(file, read_xml(file), windows or {}):
+        for element in cut_flows(file, plain_elements(read_xml(file), begin_s, stated_end_s), windows or {}):
             places |= {(one.tag, one.get("id", "")): file for one in (element, *element)}
             if element.tag in ("vType", "vTypeDistribution"):
                 read_vtype(known, file, element)
             elif element.tag in ("route", "routeDistribution"):
                 read_route(known, file, element)
-            elif element.tag in ("flow", "vehicle", "trip"):
+            elif element.tag in MOVERS:
                 movers.append((file, element))
             else:
                 key = (file.name, element.tag)
@@ -148,18 +156,26 @@ def read_demand(
     flows: list[Flow] = []
     vehicles: list[Vehicle] = []
     subject: tuple[Path, Vehicle] | None = None
+    entrance_of: dict[str, str] = {}
+    deal = _Dealer()
     for file, element in movers:
         name = attribute_of(file, element, "id")
         if element.tag == "flow":
             flows += _flow_parts(known, file, element, begin_s, end_s, options, scale)
             continue
         depart_s = 0.0 if not _is_timed(element) else time_of(file, element, "depart", 0.0)
-        (vtype, _), *_ = vtypes_of(known, file, element)
-        (route, _), *_ = routes_of(known, file, element, vtype)
-        vehicle = Vehicle(name, vtype, route, depart_s, departure_of(element, options))
+        vtypes, routes = vtypes_of(known, file, element), routes_of(known, file, element)
+        if name == subject_vehicle and max(len(vtypes), len(routes)) > 1:
+            raise ScenarioError(
+                file, f"<{element.tag}> '{name}': expected one vType and one route of the subject vehicle; of "
+                "distributions SUMO draws another one in each run."
+            )  # fmt: skip
+        vehicle = Vehicle(name, deal(vtypes), deal(routes), depart_s, departure_of(element, options))
         if name == subject_vehicle:
             subject = (file, vehicle)
-        elif begin_s <= depart_s < end_s:
+            continue
+        entrance_of[name] = vehicle.route[0]
+        if begin_s <= depart_s < end_s:
             vehicles.append(vehicle)
     if subject is None:
         raise ScenarioError(
@@ -177,17 +193,34 @@ def read_demand(
         subject_vtype=ego.vtype,
         subject_depart_s=ego.depart_s,
         subject_departure=ego.departure,
-        findings=tuple(_finding(name, tag, count) for (name, tag), count in others.items()),
+        findings=(*(_finding(*key, count) for key, count in others.items()), *mover_findings(movers)),
+        entrance_of=entrance_of,
         files=places,
     )
+
+
+class _Dealer:
+    """Deals the members of distributions to vehicles, each as often as its share says, in the order of the files."""
+
+    def __init__(self) -> None:
+        self._dealt: dict[Hashable, list[float]] = {}
+
+    def __call__(self, members: Sequence[tuple[Member, float]]) -> Member:
+        """Return the member of which the most is missing."""
+        owed = self._dealt.setdefault(tuple(members), [0.0] * len(members))
+        for number, (_, share) in enumerate(members):
+            owed[number] += share
+        chosen = max(range(len(members)), key=owed.__getitem__)
+        owed[chosen] -= 1.0
+        return members[chosen][0]
 
 
 def trips_without_edges(files: Sequence[Path]) -> list[tuple[str, str, Route, str]]:
     """Origin, destination, via and vType of all flows and trips whose edges only SUMO's router knows."""
     found = {}
     for file in files:
-        for element in read_xml(file):
-            if element.tag in ("flow", "vehicle", "trip") and element.get("from") and element.get("to"):
+        for element in plain_elements(read_xml(file), 0.0, None):
+            if element.tag in MOVERS and element.get("from") and element.get("to"):
                 via = tuple((element.get("via") or "").split())
                 key = (element.get("from", ""), element.get("to", ""), via, element.get("type") or DEFAULT_VTYPE)
                 found[key] = None
@@ -208,7 +241,7 @@ def _flow_parts(
     parts = []
     for vtype, vtype_share in vtypes_of(known, file, element):
         own = float(known.vtypes[vtype].get("scale", "1"))
-        for route, route_share in routes_of(known, file, element, vtype):
+        for route, route_share in routes_of(known, file, element):
             vehps = rate.vehps * vtype_share * route_share * scale * own
             parts.append(Flow(name, vtype, route, vehps, rate.is_regular, rate.begin_s, rate.end_s, departure))
     return parts

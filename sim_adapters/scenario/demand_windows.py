@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from copy import deepcopy
 from pathlib import Path
 
-from sim_adapters.scenario.demand_elements import HOURLY, NEVER_S, rate_of
+from sim_adapters.scenario.demand_elements import NEVER_S, has_rate, rate_of
 from sim_adapters.units import SECONDS_PER_HOUR
 
 Windows = Mapping[str, tuple[float, ...]]  # begin of each window, in s, rising, by id of the flow that they cut
@@ -72,8 +72,3 @@ def _parts(file: Path, element: ET.Element, begins_s: tuple[float, ...]) -> list
             part.set("vehsPerHour", repr(whole.vehps * SECONDS_PER_HOUR))
         parts.append(part)
     return parts
-
-
-def has_rate(element: ET.Element) -> bool:
-    """Return whether a flow says how many vehicles come in a time."""
-    return any(element.get(key) for key in ("period", "probability", "poisson", *HOURLY))

@@ -4,6 +4,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import Enum
 
+WITHOUT = "the surrogate does without; SUMO runs with it"
+
 
 class Level(Enum):
     """How a part of a scenario is followed by the surrogate; SUMO itself always runs it as it stands."""

@@ -4,10 +4,9 @@ from collections.abc import Sequence
 
 from sim_adapters.scenario.configuration import SumoConfiguration
 from sim_adapters.scenario.demand_file import Demand, Flow
-from sim_adapters.scenario.finding import Finding, Level
+from sim_adapters.scenario.finding import WITHOUT, Finding, Level
 from sim_adapters.scenario.sumo_names import SUMO_MODELS, nearest_model
 
-WITHOUT = "the surrogate does without; SUMO runs with it"
 # Options that change how vehicles move, and what the surrogate does instead.
 APPROXIMATED = {
     "lateral-resolution": "sublane model: the surrogate keeps vehicles in lanes",

@@ -8,9 +8,9 @@ from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from pathlib import Path
 
-from sim_adapters.scenario.demand_elements import HOURLY, NEVER_S, rate_of
+from sim_adapters.scenario.demand_elements import HOURLY, NEVER_S, has_rate, rate_of
 from sim_adapters.scenario.demand_file import vehicles_id
-from sim_adapters.scenario.demand_windows import Windows, has_rate, id_at
+from sim_adapters.scenario.demand_windows import Windows, id_at
 from sim_adapters.scenario.times import read_time_s
 
 MOST_PROBABILITY = 1.0  # of a flow's vehicle in a second; SUMO takes no more
@@ -71,7 +71,11 @@ def draw_phase(file: Path, element: ET.Element, seed: int) -> None:
 
 
 def scale_vehicles(
-    elements: Sequence[ET.Element], factors: Mapping[str, float], subject_vehicle: str, windows: Windows
+    elements: Sequence[ET.Element],
+    factors: Mapping[str, float],
+    entrance_of: Mapping[str, str],
+    windows: Windows,
+    counted: dict[str, int],
 ) -> list[ET.Element]:
     """Elements with single vehicles left out or doubled, evenly over those that enter at one edge.
 
@@ -81,31 +85,24 @@ def scale_vehicles(
     Args:
         elements: of a file.
         factors: factor of each flow; single vehicles are the flow `vehicles_id` of their edge.
-        subject_vehicle: id of the vehicle that is none of them.
+        entrance_of: edge at which each single vehicle enters, by id; others stay.
         windows: windows of time that cut flows.
+        counted: how many have entered at each edge in the files before; those of this one are added.
     """
-    routes = {one.get("id"): one.get("edges", "").split() for one in elements if one.tag == "route"}
-    count: dict[str, int] = {}
     scaled = []
     for element in elements:
-        edge = _first_edge(element, routes) if element.tag in ("vehicle", "trip") else None
-        if edge is None or element.get("id") == subject_vehicle:
+        edge = entrance_of.get(element.get("id", "")) if element.tag in ("vehicle", "trip") else None
+        if edge is None:
             scaled.append(element)
             continue
         depart_s = read_time_s(element.get("depart")) or 0.0  # triggered ones depart when somebody comes for them
         factor = factors.get(id_at(vehicles_id(edge), windows, depart_s), 1.0)
-        number = count.get(edge, 0)
-        count[edge] = number + 1
+        number = counted.get(edge, 0)
+        counted[edge] = number + 1
         copies = math.floor(factor * (number + 1) + 0.5) - math.floor(factor * number + 0.5)
         for copy in range(copies):
             scaled.append(_copy_of(element, copy) if copy else element)
     return scaled
-
-
-def _first_edge(element: ET.Element, routes: Mapping[str | None, Sequence[str]]) -> str | None:
-    inner = element.find("route")
-    edges = inner.get("edges", "").split() if inner is not None else routes.get(element.get("route"), ())
-    return edges[0] if edges else element.get("from")
 
 
 def _copy_of(element: ET.Element, copy: int) -> ET.Element:

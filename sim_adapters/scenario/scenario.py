@@ -18,6 +18,7 @@ from sim_adapters.scenario.route_check import RouteUser
 from sim_adapters.scenario.route_network import RouteNetwork, read_route_network
 from sim_adapters.scenario.sumo_files import read_xml
 from sim_adapters.scenario.sumo_names import attribute_values, nearest_model
+from sim_adapters.scenario.unfollowed import road_findings
 from sim_adapters.scenario.vehicle_flows import flows_of_vehicles
 
 DEFAULT_MODEL = "Krauss"
@@ -103,7 +104,8 @@ def read_scenario(
         ScenarioError: SUMO refuses it, or something is missing; one line says what.
     """
     configuration = read_configuration(config)
-    is_left_hand = read_xml(configuration.net_file).get("lefthand", "false").lower() in ("true", "1", "yes", "on", "x")
+    road = read_xml(configuration.net_file)
+    is_left_hand = road.get("lefthand", "false").lower() in ("true", "1", "yes", "on", "x")
     loaded = load(configuration) if load else LoadedScenario()
     end_s = duration_s if configuration.end_s is None else min(configuration.end_s, duration_s)
     demand = read_demand(
@@ -115,6 +117,7 @@ def read_scenario(
         configuration.scale,
         loaded.find_route,
         windows,
+        configuration.end_s,
     )
     singles = flows_of_vehicles(demand.vehicles, configuration.begin_s, end_s, configuration.scale, windows or {})
     all_flows = (*demand.flows, *singles)
@@ -153,6 +156,7 @@ def read_scenario(
         *flow_findings(demand, flows),
         *demand.findings,
         *network.findings,
+        *road_findings(configuration.net_file, road, network.lane_count, vclasses),
     ]
     if is_left_hand:
         words = (

@@ -15,18 +15,19 @@ from pathlib import Path
 from sim_adapters.interface import ParameterLayout
 from sim_adapters.scenario.demand_elements import DEFAULT_VTYPE
 from sim_adapters.scenario.demand_windows import cut_flows
+from sim_adapters.scenario.effect_draft import Draft
+from sim_adapters.scenario.plain_form import MOVERS, plain_elements
 from sim_adapters.scenario.scaled_demand import draw_phase, scale_flow, scale_vehicles
 from sim_adapters.scenario.scenario import Scenario
-from sim_adapters.scenario.scenario_files import without_outputs
-from sim_adapters.scenario.sumo_effects import Draft, put_into
+from sim_adapters.scenario.scenario_files import names_in_use, place_files, placed, without_outputs
+from sim_adapters.scenario.sumo_effects import put_into
 from sim_adapters.scenario.sumo_files import read_xml
 from sim_adapters.scenario.sumo_names import SPEED_DISTRIBUTION
 from sim_adapters.scenario.times import read_time_s
+from sim_adapters.scenario.unscaled_subject import unscaled_vtype
 from sim_adapters.shared_runs import subject_names
 from sim_adapters.units import SECONDS_PER_HOUR
 from surrogate.effects.base import EffectSetting
-
-MOVERS = ("flow", "vehicle", "trip")
 
 
 @dataclass(frozen=True)
@@ -81,14 +82,21 @@ def write_scenario(
     departs_s = [depart_s] if isinstance(depart_s, float | int) else depart_s
     sources = [*configuration.additional_files, *configuration.route_files]
     roots = [read_xml(file) for file in sources]
-    if not is_handed_over:
-        for root in roots:
-            without_outputs(root)
+    in_use = names_in_use(roots)
+    for source, root in zip(sources, roots, strict=True):
+        place_files(root, source, folder if is_handed_over else None)
+        if not is_handed_over:
+            without_outputs(root, in_use)
     file_of: dict[int, int] = {}  # by identity of the element
     elements: list[ET.Element] = []
+    counted: dict[str, int] = {}
+    alone = unscaled_vtype(scenario, roots)
+    if alone is not None and scenario.demand.subject_vtype in layout.vtypes:
+        _set_attributes(alone, layout.values_of(scenario.demand.subject_vtype, behaviour))
     for number, (source, root) in enumerate(zip(sources, roots, strict=True)):
-        own = cut_flows(source, list(root), scenario.windows)
-        for element in scale_vehicles(own, factors, subject_vehicle, scenario.windows):
+        own = plain_elements(root, configuration.begin_s, configuration.end_s)
+        own = cut_flows(source, own, scenario.windows)
+        for element in scale_vehicles(own, factors, scenario.demand.entrance_of, scenario.windows, counted):
             element.tail = "\n"
             for vtype in element.iter("vType"):
                 if vtype.get("id") in layout.vtypes:
@@ -98,7 +106,10 @@ def write_scenario(
                 if draws_phases:
                     draw_phase(source, element, seed)
             is_subject = element.get("id") == subject_vehicle and element.tag in ("vehicle", "trip")
-            for one in _subjects(element, departs_s) if is_subject else [element]:
+            own_vtype = [alone] if is_subject and alone is not None else []
+            if own_vtype:
+                element.set("type", own_vtype[0].get("id", ""))
+            for one in (*own_vtype, *(_subjects(element, departs_s) if is_subject else [element])):
                 file_of[id(one)] = number
                 elements.append(one)
     if DEFAULT_VTYPE in layout.vtypes and not any(_has_vtype(one, (DEFAULT_VTYPE,)) for one in elements):
@@ -128,7 +139,12 @@ def write_scenario(
         inputs["additional-files"] = ",".join(file.name for file in additional)
     inputs["route-files"] = ",".join(file.name for file in written[len(additional) :])
     config = folder / f"{name}.sumocfg"
-    _write_configuration(config, scenario, inputs, head, draft.processing)
+    processing = dict(configuration.processing) | draft.processing
+    if is_handed_over:
+        for option in set(processing) & set(configuration.read_files):
+            files = [placed(file, folder) for file in configuration.read_files[option]]
+            processing[option] = ",".join(files)
+    _write_configuration(config, scenario, inputs, head, processing)
     return WrittenScenario(config, tuple(written))
 
 
@@ -144,7 +160,7 @@ def flow_factors(scenario: Scenario, layout: ParameterLayout, values: Sequence[f
 def _by_file(elements: Sequence[ET.Element], file_of: Mapping[int, int], num_files: int) -> list[list[ET.Element]]:
     """Elements of each file; new ones, of effects, go where their neighbour before them stands."""
     parts: list[list[ET.Element]] = [[] for _ in range(num_files)]
-    place = num_files - 1
+    place = 0
     for element in elements:
         place = file_of.get(id(element), place)
         parts[place].append(element)
@@ -193,6 +209,8 @@ def _set_attributes(vtype: ET.Element, values: Mapping[str, float]) -> None:
     for attribute, value in values.items():
         if not (distribution and attribute in ("speedFactor", "speedDev")):
             vtype.set(attribute, _text(value))
+    if "speedDev" in values and "speedDev" in vtype.attrib:  # it counts, whatever the distribution says
+        vtype.set("speedDev", _text(values["speedDev"]))
     if distribution and {"speedFactor", "speedDev"} & set(values):
         kind, mean, deviation, bounds = distribution.groups()
         mean = _text(values["speedFactor"]) if "speedFactor" in values else mean
@@ -208,7 +226,7 @@ def _write_configuration(
     for section, options in (
         ("input", inputs),
         ("time", {"begin": _text(configuration.begin_s), "step-length": _text(configuration.step_s)}),
-        ("processing", dict(configuration.processing) | dict(processing)),
+        ("processing", processing),
     ):
         if not options:  # SUMO complains of empty sections
             continue

@@ -9,12 +9,14 @@ that other attributes of vTypes express says so itself (`Effect.vtype_attributes
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Mapping, Sequence
 from copy import deepcopy
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from sim_adapters.scenario.effect_draft import Draft
 from sim_adapters.scenario.scenario import Scenario
-from sim_adapters.scenario.sumo_names import attribute_values, habit_attributes
+from sim_adapters.scenario.sumo_names import habit_attributes
+from sim_adapters.scenario.unscaled_subject import subject_vtypes
 from surrogate.effects.base import Effect, EffectSetting
 from surrogate.effects.driver_heterogeneity import SPEED_SHARE
 from surrogate.effects.heavy_vehicles import (
@@ -34,43 +36,6 @@ NUM_TYPES = 40  # of drivers who differ
 
 class NotExpressibleError(ValueError):
     """SUMO has no means for an effect, or not with this scenario's drivers."""
-
-
-@dataclass
-class Draft:
-    """A scenario on its way to files."""
-
-    scenario: Scenario  # what it is made from
-    # elements of route and additional files, vTypes among them, in the order in which SUMO reads them
-    elements: list[ET.Element]
-    seed: int  # of the run
-    rates_vehps: Mapping[str, float]
-    processing: dict[str, str] = field(default_factory=dict)  # options of the configuration
-
-    @property
-    def background(self) -> tuple[str, ...]:
-        """The vTypes of background traffic."""
-        return tuple(dict.fromkeys(flow.vtype for flow in self.scenario.flows))
-
-    def vtypes(self, names: Sequence[str]) -> list[ET.Element]:
-        """Return the elements of vTypes."""
-        return [element for element in self.elements if element.tag == "vType" and element.get("id") in names]
-
-    def number(self, vtype: ET.Element, attribute: str) -> float:
-        """Return an attribute, SUMO's default included."""
-        model = self.scenario.model_of(vtype.get("id", ""))
-        return attribute_values(dict(vtype.attrib), model)[attribute]
-
-    def divide(self, vtype: ET.Element, parts: Sequence[tuple[float, ET.Element]]) -> None:
-        """Replace a vType by several, each with its share of the vehicles."""
-        name = vtype.get("id", "")
-        together = ET.Element("vTypeDistribution", id=name)
-        together.tail = "\n"
-        for number, (share, part) in enumerate(parts):
-            part.set("id", f"{name}-{number}")
-            part.set("probability", repr(float(share)))
-            together.append(part)
-        self.elements[self.elements.index(vtype)] = together
 
 
 @dataclass(frozen=True)
@@ -144,7 +109,7 @@ def _reaction_delay(draft: Draft, setting: EffectSetting) -> None:
 
 
 def _subject_actuation_lag(draft: Draft, setting: EffectSetting) -> None:
-    _act_at_intervals(draft, (draft.scenario.demand.subject_vtype,), setting.strength)
+    _act_at_intervals(draft, subject_vtypes(draft.scenario), setting.strength)
 
 
 def _acceleration_noise(draft: Draft, setting: EffectSetting) -> None:

@@ -189,7 +189,8 @@ def attribute_values(
     written = dict(attributes)
     distribution = SPEED_DISTRIBUTION.fullmatch(written.get("speedFactor", "").replace(" ", ""))
     if distribution:
-        written["speedFactor"], written["speedDev"] = distribution.group(2), distribution.group(3) or "0"
+        written["speedFactor"] = distribution.group(2)
+        written.setdefault("speedDev", distribution.group(3) or "0")  # an attribute of its own counts
     values: dict[str, float] = {}
     for name, attribute in known.items():
         text = written.get(name)

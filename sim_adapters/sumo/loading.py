@@ -9,7 +9,8 @@ from sim_adapters.errors import ScenarioError
 from sim_adapters.scenario.configuration import SumoConfiguration
 from sim_adapters.scenario.demand_file import trips_without_edges
 from sim_adapters.scenario.loaded_scenario import LoadedScenario
-from sim_adapters.scenario.scenario_files import copy_without_outputs
+from sim_adapters.scenario.scenario_files import copy_without_outputs, names_in_use
+from sim_adapters.scenario.sumo_files import read_xml
 from sim_adapters.sumo.question import MOST_LINES, refusal, start_worker
 
 LONGEST_LOADING_S = 300.0
@@ -32,9 +33,10 @@ def load_in_sumo(configuration: SumoConfiguration) -> LoadedScenario:
         ScenarioError: SUMO refuses; in its own words.
     """
     files = [*configuration.additional_files, *configuration.route_files]
+    in_use = names_in_use(read_xml(file) for file in files)
     with tempfile.TemporaryDirectory(prefix="jaxcalib-") as folder:
         additional, routes = (
-            [str(copy_without_outputs(file, Path(folder))) for file in several]
+            [str(copy_without_outputs(file, Path(folder), in_use)) for file in several]
             for several in (configuration.additional_files, configuration.route_files)
         )
         question = {
@@ -55,6 +57,8 @@ def _arguments(configuration: SumoConfiguration, additional: Sequence[str], rout
     arguments += ["--route-files", ",".join(routes), "--route-steps", "0"]
     arguments += ["--additional-files", ",".join(additional)] if additional else []
     arguments += ["--begin", str(configuration.begin_s), "--step-length", str(configuration.step_s)]
+    if configuration.end_s is not None and configuration.end_s > configuration.begin_s:  # else told by who reads it
+        arguments += ["--end", str(configuration.end_s)]
     skipped = {"route-steps"}
     for option, value in configuration.processing.items():
         if option not in skipped:

@@ -166,6 +166,11 @@ def _step_until_subject_left(libsumo, job: SumoJob) -> dict:
         if driver is not None:
             num_overlaps += job.subject_vehicles[0] in simulation.getCollidingVehiclesIDList()
         num_teleports += simulation.getStartingTeleportNumber()
+        if on_the_way and (lost := on_the_way.intersection(simulation.getStartingTeleportIDList())):
+            raise SumoFailedError(
+                f"SUMO teleported subject vehicle '{min(lost)}', which had stood for longer than time-to-teleport: no "
+                "drive of it can be compared."
+            )
         num_vehicle_steps += vehicles.getIDCount()
         for edge, before in on_edge.items():
             now = set(libsumo.edge.getLastStepVehicleIDs(edge))

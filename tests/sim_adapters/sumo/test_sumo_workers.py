@@ -36,7 +36,11 @@ def make_runs(corridor: Scenario, layout: ParameterLayout, tmp_path: Path, monke
     """Return a function that makes runs with another worker function, and sees that nothing is left behind."""
 
     def make(
-        worker: Callable[[SumoJob], SumoRun] | None, seeds: Sequence[int], scenario: Scenario = corridor, **options: Any
+        worker: Callable[[SumoJob], SumoRun] | None,
+        seeds: Sequence[int],
+        scenario: Scenario = corridor,
+        end_s: float = 40.0,
+        **options: Any,
     ) -> list[RunOutcome]:
         if worker is not None:
             monkeypatch.setattr(sumo_workers, "run_job", worker)
@@ -44,7 +48,7 @@ def make_runs(corridor: Scenario, layout: ParameterLayout, tmp_path: Path, monke
         options.setdefault("longest_run_s", 60.0)
         before = sorted(path for path in tmp_path.iterdir() if path.is_dir())
         simulator = SumoSimulator(
-            scenario, layout, mean_speed, SensorRange(150.0, 150.0), "ego", 0.5, 40.0, 1, scratch=tmp_path, **options
+            scenario, layout, mean_speed, SensorRange(150.0, 150.0), "ego", 0.5, end_s, 1, scratch=tmp_path, **options
         )
         with simulator:
             outcomes = simulator.run(requests_of(seeds))
@@ -58,6 +62,25 @@ def make_runs(corridor: Scenario, layout: ParameterLayout, tmp_path: Path, monke
 def tries(tmp_path: Path) -> Callable[[int], int]:
     """Return a function that says how often a seed was tried."""
     return lambda seed: len((tmp_path / f"tries-{seed}").read_text())
+
+
+def test_a_run_whose_subject_vehicle_is_teleported_says_so(make_runs: Run, own_corridor: Path):
+    """Vehicles that have broken down side by side hold it until SUMO takes it off the road."""
+    demand = own_corridor / "scenario/demand.rou.xml"
+    stops = "".join(
+        f'<vehicle id="broken{lane}" type="car" route="r_ego" depart="1" departLane="{lane}"><stop lane="m0_{lane}" '
+        'endPos="300" duration="500"/></vehicle>'
+        for lane in range((own_corridor / "scenario/net.net.xml").read_text().count('<lane id="m0_'))
+    )
+    demand.write_text(demand.read_text().replace("<flow", stops + "<flow", 1))
+    config = own_corridor / "scenario/scenario.sumocfg"
+    config.write_text(
+        config.read_text().replace("</configuration>", '<x><time-to-teleport value="15"/></x></configuration>')
+    )
+    scenario = read_scenario(config, "ego", 300.0)
+    (outcome,) = make_runs(None, [3], scenario, 200.0)
+    assert outcome.status is Status.FAILED
+    assert "SUMO teleported subject vehicle 'ego'" in outcome.log_tail
 
 
 def test_a_worker_that_dies_is_retried_once_and_then_reported(make_runs: Run, tries: Callable[[int], int]):
