@@ -27,7 +27,11 @@ def write_report(out: Path, others: Sequence[Path] = (), is_recorded: bool = Fal
     figures, truth, recorded_figures = all_figures(trials), None, {}
     if is_ablation(trials):
         tables = {"ablation": ("What each part of the method buys", ablation_table(trials))}
-        means = "Variants are compared with the method as improved on what both have made."
+        means = (
+            "Variants are compared with the method as improved on what both have made. One trial says little of small "
+            "changes: with another seed the method's own vehicle-level error on a pattern moves by 0.1 to 0.4 (standard deviation), "
+            "mostly by its rare cut-ins."
+        )
     else:
         recorded_figures = figures
         tables = {
