@@ -29,8 +29,8 @@ def write_report(out: Path, others: Sequence[Path] = (), is_recorded: bool = Fal
         tables = {"ablation": ("What each part of the method buys", ablation_table(trials))}
         means = (
             "Variants are compared with the method as improved on what both have made. One trial says little of small "
-            "changes: with another seed the method's own vehicle-level error on a pattern moves by 0.1 to 0.4 (standard deviation), "
-            "mostly by its rare cut-ins."
+            "changes: with another seed the method's own vehicle-level error on a pattern moves by 0.1 to 0.4 "
+            "(standard deviation), mostly by its rare cut-ins."
         )
     else:
         recorded_figures = figures
