@@ -62,7 +62,8 @@ def gather_evidence(
     identity = _identity_of(run)
     if validated is not None and found_validation is not None:
         _check_validation(validated, found_validation, problem, calibrated)
-    unknown = [] if diagnosed is None else _check_diagnosis(diagnosed, identity)
+    unknown = [] if validated is None else _check_files(validated, identity, "validation")
+    unknown += [] if diagnosed is None else _check_files(diagnosed, identity, "diagnosis")
     quoted = [file for file in (validated, diagnosed, statement) if file is not None]
     return Evidence(
         problem=problem,
@@ -110,19 +111,19 @@ def _check_validation(
         raise CaseError(file, "parameters", "expected the values of RUN/result.json; this validates others.")
 
 
-def _check_diagnosis(file: Path, identity: Mapping[str, Any]) -> list[str]:
-    """Refuse a diagnosis of another case; return what is not known, one line each.
+def _check_files(file: Path, identity: Mapping[str, Any], what: str) -> list[str]:
+    """Refuse a validation or diagnosis of another case; return what is not known, one line each.
 
     Raises:
         CaseError: it is.
     """
     theirs, ours = str(_identity_of(file.parent).get("case", "")), str(identity.get("case", ""))
     if not theirs or not ours:
-        return [f"Whether the diagnosis is of this case: {IDENTITY_FILE} beside it or in RUN cannot be read."]
+        return [f"Whether the {what} is of this case: {IDENTITY_FILE} beside it or in RUN cannot be read."]
     (name, _, _), (own, _, _) = theirs.rpartition(" "), ours.rpartition(" ")
     if name != own:
-        raise CaseError(file, "", f"expected a diagnosis of {quote(own)}, got one of {quote(name)}.")
-    return [] if theirs == ours else ["The diagnosis saw other files of the case than the calibration."]
+        raise CaseError(file, "", f"expected a {what} of {quote(own)}, got one of {quote(name)}.")
+    return [] if theirs == ours else [f"The {what} saw other files of the case than the calibration."]
 
 
 def _hashes(problem: CalibrationProblem, run: Path, quoted: Sequence[Path]) -> Mapping[str, str]:

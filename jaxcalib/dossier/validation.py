@@ -7,6 +7,7 @@ from jaxcalib.dossier.evidence import Evidence
 from jaxcalib.dossier.section import Section, between, number_range, words_of
 from jaxcalib.html.page import percent
 from jaxcalib.measures.registry import safety_measures
+from jaxcalib.validation.comparison import FEWEST_EVENTS
 from jaxcalib.validation.encounters import ALL
 from jaxcalib.validation.equivalence import MOST_MORE
 
@@ -30,6 +31,8 @@ def validation(evidence: Evidence) -> Section:
     if found is None:
         section.lack("No validation was run: `jaxcalib validate CASE RUN`.")
         return section
+    for line in found.get("warnings", []):
+        section.say(f"Warning: {line}", f"{FILE}: warnings")
     _criteria(section, found)
     _margins(section, found)
     _safety(section, found)
@@ -108,9 +111,14 @@ def _encounters(section: Section, found: Mapping[str, Any]) -> None:
     for kind, one in found["encounters"].items():
         scores = (one["recall"], one["precision"], one["f1"], one["among_simulated"], one["limit"])
         rows.append((words_of(kind), *(_total(one[side]) for side in ("field", "simulated")), *scores))
+        in_field, simulated = (_total(one[side]) for side in ("field", "simulated"))
+        if in_field is not None and in_field >= FEWEST_EVENTS and not simulated:
+            section.fail(f"The field has {in_field:.0f} encounters of the kind {words_of(kind)}, the simulation none.")
         # single kinds are shown alone: four tests at 5 % would often speak against a simulation that is right
         if kind == ALL and None not in (one["f1"], one["limit"]) and one["f1"] < one["limit"]:
             section.fail("The field's encounters are recalled worse than rounds recall each other's.")
+    if found["encounters"][ALL]["limit"] is None:
+        section.lack("Whether encounters are the field's: fewer than 19 rounds, or hardly one that has any.")
     columns = ("encounters", "field", "simulated", "recall", "precision", "F1", "F1 among rounds", "5 % of these below")
     section.show("Encounters around the subject vehicle", columns, rows, f"{FILE}: encounters")
     rows = [

@@ -4,6 +4,7 @@ import gzip
 import tempfile
 import xml.etree.ElementTree as ET
 from collections.abc import Callable
+from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
 from typing import Literal
@@ -68,9 +69,10 @@ def export(
     chosen = _drive(problem, drive)
     _check_subject(problem, free_subject=free_subject)
     name = f"{problem.case.name}_{chosen.id}_{seed}"
-    with writing_to(folder), tempfile.TemporaryDirectory(prefix="jaxcalib-") as scratch:
+    with writing_to(folder), tempfile.TemporaryDirectory(prefix="jaxcalib-") as scratch, ExitStack() as stack:
         folder.mkdir(parents=True, exist_ok=True)
-        fcd = (folder if to == "fcd" else Path(scratch)) / f"{name}.fcd.xml.gz"
+        draft = stack.enter_context(tempfile.TemporaryDirectory(prefix=".export-", dir=folder))
+        fcd = Path(draft if to == "fcd" else scratch) / f"{name}.fcd.xml.gz"
         subject = problem.parts.subject.vehicle
         try:
             vehicles = record_trajectories(
@@ -80,7 +82,10 @@ def export(
             if subject not in vehicles:
                 why = f"expected '{subject}' to find room on its first edge; the run ends before."
                 raise CaseError(problem.scenario.configuration.file, "", why)
-            said = write(RecordedRun(problem, fcd, vehicles, folder, name))
+            said = write(RecordedRun(problem, fcd, vehicles, Path(draft), name))
+            for file in sorted(Path(draft).iterdir()):  # whole, or not at all
+                file.replace(folder / file.name)
+            said = [line.replace(draft, str(folder)) for line in said]
         except ScenarioError as error:
             raise CaseError(error.file, "", error.message) from None
     if problem.parts.behaviour.distant_vtypes:

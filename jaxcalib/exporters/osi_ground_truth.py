@@ -117,7 +117,7 @@ def _add_vehicle(truth: GroundTruth, here: Slice, row: int, number: int, name: s
     along = np.asarray([np.cos(yaw), np.sin(yaw)])
     centre = np.asarray([here.x_m[row], here.y_m[row]]) - 0.5 * kind.length_m * along
     base.position.x, base.position.y, base.position.z = float(centre[0]), float(centre[1]), 0.5 * kind.height_m
-    base.orientation.yaw = yaw
+    base.orientation.yaw = float(np.arctan2(along[1], along[0]))  # in (-pi, pi], as the standard prefers
     base.dimension.length, base.dimension.width, base.dimension.height = kind.length_m, kind.width_m, kind.height_m
     axle_m = 0.5 * kind.length_m - rear_overhang_m(kind)
     for axle, place_m in ((thing.vehicle_attributes.bbcenter_to_rear, -axle_m),

@@ -151,7 +151,7 @@ def _table_slices(source: Path, batches: Iterable[pa.RecordBatch]) -> Iterator[S
         if held:
             columns = {name: np.concatenate([held[name], columns[name]]) for name in columns}
         bounds = np.append(np.flatnonzero(np.diff(columns["time"], prepend=np.nan) != 0.0), len(columns["time"]))
-        for first, last in itertools.pairwise(bounds):
+        for first, last in itertools.pairwise(bounds[:-1]):  # the last instant may go on
             yield _cut(columns, int(first), int(last))
         held = {name: values[bounds[-2] :] for name, values in columns.items()}
     if held:

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float
+from scipy import stats
 
 from jaxcalib.calibration.result.result import rounded
 from jaxcalib.measures.measure import Measure
@@ -15,6 +16,7 @@ from jaxcalib.validation.prediction import PROBABILITY, Prediction, exceedance, 
 from jaxcalib.validation.trajectories import passing_rmse_s, speed_rmse_mps, travel_times_s
 
 FEWEST_EVENTS = 5.0  # observations that a value must rest on to say something
+FEWEST_SHOWING = 0.5  # of the rounds, for the others to be believed
 SIGNIFICANCE = 0.05
 Table = dict[str, dict[str, Any]]
 ErrorOf = Callable[[np.ndarray, np.ndarray], float]
@@ -25,30 +27,56 @@ def compare_measures(
 ) -> Table:
     """Return every measure: the field's value beside what rounds of as many simulated drives show, [round, drive].
 
-    A probability stands where the measure is tested (`Measure.is_tested`), field and every round show it, and they rest
+    A probability stands where the measure is tested (`Measure.is_tested`), field and most rounds show it, and they rest
     on enough observations in the mean: chosen by the field's number alone, a test would be of a field that is unlike
-    rounds.
+    rounds. Where the field alone has enough of it, what is tested is whether as many drives show it at all.
     """
-    real = dict(zip(tally_names, field.tally.sum(axis=0), strict=True))
-    simulated = [dict(zip(tally_names, tallies, strict=True)) for tallies in rounds.tally.sum(axis=1)]
+    real, *simulated = (
+        dict(zip(tally_names, tallies, strict=True)) for tallies in (field.tally.sum(axis=0), *rounds.tally.sum(axis=1))
+    )
     table: Table = {}
     for name, measure in measures.items():
         in_field = measure.value(real)
         values = np.asarray([measure.value(tallies).value for tallies in simulated], float)
         prediction = predict(values, in_field.value)
-        telling = float(np.mean([measure.num_telling(tallies) for tallies in (real, *simulated)]))
-        is_seen, is_enough = bool(np.isfinite(values).all()), telling >= FEWEST_EVENTS
+        telling, *of_rounds = (float(measure.num_telling(tallies)) for tallies in (real, *simulated))
+        is_seen = bool(np.isfinite(values).mean() > FEWEST_SHOWING)
+        is_enough = float(np.mean([telling, *of_rounds])) >= FEWEST_EVENTS
         is_tested = measure.is_tested and in_field.is_valid and is_seen and is_enough
+        p_value = prediction.p_value if prediction and is_tested else None
         few = "" if is_enough else f"rests on fewer than {FEWEST_EVENTS:.0f} observations in the mean"
-        lacking = "" if is_seen else "a round does not show it"
+        lacking = "" if is_seen else "most rounds do not show it"
+        if measure.is_tested and telling >= FEWEST_EVENTS > float(np.mean(of_rounds)):
+            shows = [_shows(measure, tally_names, drives) for drives in (field.tally, rounds.tally)]
+            p_value = _chance_of_showing(*shows)
+            few, lacking = "", f"shown by {_share(shows[0])} drives of the field, {_share(shows[1])} simulated"
         table[name] = {
             "field": rounded(in_field.value),
             "num_observations": rounded(in_field.num_observations),
             **_prediction_entry(prediction),
             "note": in_field.reason or lacking or few,
-            "p_value": rounded(prediction.p_value) if prediction and is_tested else None,
+            "p_value": rounded(p_value),
         }
     return table
+
+
+def _shows(measure: Measure, tally_names: tuple[str, ...], tally: np.ndarray) -> np.ndarray:
+    """Return which drives show a measure; drives are independent whatever comes in bursts within them."""
+    rows = tally.reshape(-1, tally.shape[-1])
+    return np.asarray([measure.num_telling(dict(zip(tally_names, row, strict=True))) > 0.0 for row in rows])
+
+
+def _chance_of_showing(field: np.ndarray, rounds: np.ndarray) -> float:
+    """Return how often as many of the field's drives would show a measure if all drives were alike, in both tails.
+
+    Source: Fisher's exact test, its one tail doubled.
+    """
+    among, showing = len(field) + len(rounds), int(field.sum() + rounds.sum())
+    return float(min(1.0, 2.0 * stats.hypergeom.sf(int(field.sum()) - 1, among, showing, len(field))))
+
+
+def _share(shows: np.ndarray) -> str:
+    return f"{int(shows.sum())} of {shows.size}"
 
 
 def correct_together(*tables: Table) -> None:
@@ -101,14 +129,36 @@ def compare_trajectories(field: ObservedDrives, rounds: ObservedDrives) -> Table
     return table
 
 
-def travel_time_table(names: tuple[str, ...], field: ObservedDrives, rounds: ObservedDrives) -> Table:
-    """Return the travel time of each drive over the stretch that its runs share with it, mean over rounds."""
+def cut_short(field: ObservedDrives, rounds: ObservedDrives, has_left: np.ndarray) -> np.ndarray:
+    """Return which simulated drives stood behind the field's when their run ended, [round, drive].
+
+    Args:
+        field: the field's drives.
+        rounds: simulated ones.
+        has_left: whether the subject vehicle left the road before the run's end, [round, drive].
+    """
+    last = [np.max(np.where(np.isfinite(each), np.arange(each.shape[-1]), -1), axis=-1)
+            for each in (field.passing_s, rounds.passing_s)]  # fmt: skip
+    return ~has_left & (last[1] < last[0] - 1)
+
+
+def travel_time_table(
+    names: tuple[str, ...], field: ObservedDrives, rounds: ObservedDrives, is_cut_short: np.ndarray
+) -> Table:
+    """Return the travel time of each drive over the stretch that its runs share with it, mean over rounds.
+
+    How long those stand that the run's end cuts short (`cut_short`) is not known; their share stands beside it.
+    """
     table: Table = {}
     for drive, name in enumerate(names):
         pairs = np.asarray([travel_times_s(field.passing_s[drive], run) for run in rounds.passing_s[:, drive]])
         known = np.isfinite(pairs).all(axis=1)
         means = pairs[known].mean(axis=0) if known.any() else np.full(2, np.nan)
-        table[name] = {"field_s": rounded(float(means[0])), "simulated_s": rounded(float(means[1]))}
+        table[name] = {
+            "field_s": rounded(float(means[0])),
+            "simulated_s": rounded(float(means[1])),
+            "cut_short": rounded(float(is_cut_short[:, drive].mean())),
+        }
     return table
 
 

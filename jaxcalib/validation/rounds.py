@@ -29,10 +29,19 @@ def complete_rounds(outcomes: Sequence[RunOutcome], num_drives: int) -> np.ndarr
     Raises:
         AllRunsFailedError: too few of them are left.
     """
+    return np.asarray([[run.observed for run in runs] for runs in runs_of_rounds(outcomes, num_drives)], float)
+
+
+def runs_of_rounds(outcomes: Sequence[RunOutcome], num_drives: int) -> list[Sequence[RunOutcome]]:
+    """Return the runs of the rounds in which none failed, a drive's in its place.
+
+    Raises:
+        AllRunsFailedError: too few of them are left.
+    """
     rounds = [outcomes[begin : begin + num_drives] for begin in range(0, len(outcomes), num_drives)]
-    complete = [[run.observed for run in runs] for runs in rounds if all(run.status.is_ok for run in runs)]
+    complete = [runs for runs in rounds if all(run.status.is_ok for run in runs)]
     if len(complete) < FEWEST_ROUNDS:
         reasons = "; ".join(sorted({run.status.value for run in outcomes if not run.status.is_ok}))
         tail = next((run.log_tail for run in outcomes if run.log_tail), "")
         raise AllRunsFailedError(f"in all but {len(complete)} rounds of drives a run failed in SUMO: {reasons}", tail)
-    return np.asarray(complete, float)
+    return complete

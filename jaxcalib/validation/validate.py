@@ -10,7 +10,7 @@ import numpy as np
 
 from jaxcalib.calibration.confirmation.scenario_check import start_scenario_check
 from jaxcalib.calibration.result.result import rounded, to_json
-from jaxcalib.calibration.result.simulation_health import health_of
+from jaxcalib.calibration.result.simulation_health import health_of, unfinished_warnings
 from jaxcalib.calibration.stages.evaluator import gather
 from jaxcalib.case.case import Role
 from jaxcalib.cluster.opening import sumo_workers_at
@@ -31,6 +31,7 @@ from jaxcalib.validation.comparison import (
     compare_measures,
     compare_trajectories,
     correct_together,
+    cut_short,
     travel_time_table,
 )
 from jaxcalib.validation.counts import FieldCounts, count_criteria, count_volumes, read_counts
@@ -38,6 +39,7 @@ from jaxcalib.validation.encounters import compare_encounters
 from jaxcalib.validation.equivalence import compare_within_margins
 from jaxcalib.validation.errors_by_chance import error_table
 from jaxcalib.validation.judgement import (
+    arrival_criterion,
     chance_criteria,
     criteria_without_counts,
     health_criteria,
@@ -48,11 +50,11 @@ from jaxcalib.validation.observer import DriveObserver
 from jaxcalib.validation.prediction import FEWEST_ROUNDS
 from jaxcalib.validation.report import validation_html
 from jaxcalib.validation.result import ValidationResult
-from jaxcalib.validation.rounds import complete_rounds, round_requests
+from jaxcalib.validation.rounds import complete_rounds, round_requests, runs_of_rounds
 from jaxcalib.validation.step_error import check_half_step, step_error
 from jaxcalib.validation.tails import compare_tails
 from jaxcalib.validation.volumes import Volume
-from sim_adapters.interface import RunRequest
+from sim_adapters.interface import RunOutcome, RunRequest
 
 MOST_SEEDS = 1000
 FOLDER = "validation"
@@ -155,7 +157,7 @@ def _validate(
         check()
         outcomes = wait()
     rounds = complete_rounds(outcomes, len(logs))
-    simulated_counts = _counts_of(problem, counted, count_requests, session)
+    count_outcomes, simulated_counts = _counts_of(problem, counted, count_requests, session)
     simulated = observer.parts(rounds)
     of_step = step_error(problem, observer, margins, simulated, half_step_requests, session) if half_step else None
     session.progress.stage("report")
@@ -166,13 +168,17 @@ def _validate(
     wasserstein = {name: entry["wasserstein"] for name, entry in distributions.items()}
     correct_together(measures, wasserstein, trajectories)
     names = tuple(drive.id for drive in problem.case.drives_of(role))
-    travel_times = travel_time_table(names, field, simulated)
+    has_left = np.asarray([[run.subject_left for run in runs] for runs in runs_of_rounds(outcomes, len(logs))])
+    is_cut_short = cut_short(field, simulated, has_left)
+    travel_times = travel_time_table(names, field, simulated, is_cut_short)
     errors = error_table(problem, role, simulated, outcomes)
     equivalence = compare_within_margins(
         problem.measures, margins, problem.tally_names, field, simulated, np.random.default_rng(0)
     )
+    health = health_of([*outcomes, *count_outcomes])
     criteria = [
-        *health_criteria(outcomes),
+        *health_criteria([*outcomes, *count_outcomes]),
+        arrival_criterion(is_cut_short),
         *chance_criteria(measures, wasserstein, trajectories),
         travel_time_criterion(travel_times),
         *(count_criteria(counted, simulated_counts) if counted else criteria_without_counts()),
@@ -194,13 +200,13 @@ def _validate(
         tails=compare_tails(problem.tally_names, field, simulated),
         volumes=_seen_volumes(problem, measures),
         counts=[_volume_entry(volume) for volume in count_volumes(counted, simulated_counts)] if counted else [],
-        health=health_of(outcomes),
+        health=health,
         runs=len(outcomes) + len(count_requests) + len(half_step_requests),
         step_error=of_step,
         seeds=[requests[0].seed, requests[-1].seed],
         num_rounds=len(rounds),
         wall_s={"total": rounded(time.perf_counter() - session.began_s) or 0.0},
-        warnings=[*calibrated.warnings, *problem.warnings()],
+        warnings=[*calibrated.warnings, *problem.warnings(), *unfinished_warnings({"validation": health})],
         versions=versions(),
         commit=commit(),
         profile=profile(),
@@ -244,14 +250,14 @@ def _counts_of(
     counted: FieldCounts | None,
     requests: Sequence[RunRequest],
     session: Session,
-) -> np.ndarray:
-    """Return what is counted in each run that succeeds, [seed, place].
+) -> tuple[list[RunOutcome], np.ndarray]:
+    """Return runs to the scenario's end, and what is counted in each of them that succeeded, [seed, place].
 
     Raises:
-        AllRunsFailedError: none does.
+        AllRunsFailedError: none did.
     """
     if counted is None:
-        return np.zeros((0, 0))
+        return [], np.zeros((0, 0))
     with sumo_engine(problem, counter=counted, workers=session.sumo_workers) as sumo:
-        outcomes = JournaledSumo(sumo, session.journal).start(requests, session.progress.sumo_runs)()
-    return gather([outcomes]).tally[0][[outcome.status.is_ok for outcome in outcomes]]
+        outcomes = list(JournaledSumo(sumo, session.journal).start(requests, session.progress.sumo_runs)())
+    return outcomes, gather([outcomes]).tally[0][[outcome.status.is_ok for outcome in outcomes]]

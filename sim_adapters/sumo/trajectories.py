@@ -65,7 +65,8 @@ def record_trajectories(
         written = write_scenario(scenario, layout, values, depart_s, subject_vehicle, Path(folder))
         arguments = [
             "-c", str(written.config), "--seed", str(seed), "--fcd-output", str(file.absolute()),
-            "--fcd-output.acceleration", "true", "--device.fcd.begin", f"{depart_s:g}", "--precision", str(PRECISION),
+            "--fcd-output.acceleration", "true", "--device.fcd.begin", repr(float(depart_s)),
+            "--precision", str(PRECISION),
             "--no-step-log", "true", "--duration-log.disable", "true",
         ]  # fmt: skip
         question = {"arguments": arguments, "end_s": end_s, "subject": subject_vehicle}

@@ -298,6 +298,24 @@ def test_evidence_of_another_case_is_refused(
     assert says in str(error.value)
 
 
+def test_a_validation_of_other_files_and_its_warnings_are_told(problem: CalibrationProblem, tmp_path: Path):
+    found = validation_of(problem)
+    none = dict.fromkeys(("mild", "medium", "severe"), 0.0)
+    many = {"mild": 20.0, "medium": 3.0, "severe": 1.0}
+    found["encounters"]["cut_in"] |= {"field": many, "simulated": none, "f1": 0.0, "limit": None}
+    found["encounters"]["all"]["limit"] = None
+    found["warnings"] = ["Drives that did not reach their destination before their run ended: 33 in 40 runs."]
+    run = run_with(tmp_path / "run", result=result_of(problem), validation=found)
+    (run / "run.json").write_text(json.dumps({"case": "corridor 12ab", "options": "{}", "program": "3"}))
+    (run / "validation/run.json").write_text(json.dumps({"case": "corridor 34cd"}))
+    write_dossier(CORRIDOR, run)
+    text = (run / "dossier/dossier.json").read_text()
+    assert "The validation saw other files of the case than the calibration." in text
+    assert "33 in 40 runs" in text
+    assert "The field has 24 encounters of the kind cut in, the simulation none." in text
+    assert "fewer than 19 rounds" in text
+
+
 def test_a_round_alone_says_nothing_of_scatter_and_half_a_step_of_its_error(
     problem: CalibrationProblem, tmp_path: Path
 ):

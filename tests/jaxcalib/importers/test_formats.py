@@ -5,15 +5,18 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import pyarrow.parquet
 import pytest
 
 from jaxcalib.case.case import read_case
 from jaxcalib.check.scenario_check import check_case
 from jaxcalib.errors import CaseError
+from jaxcalib.importers import sumo_fcd
 from jaxcalib.importers.import_case import import_case
 from jaxcalib.importers.importer import Imported, ImportOptions
 from jaxcalib.importers.registry import load_importer
 from jaxcalib.importers.straight_road import straight_road_of, write_scenario
+from jaxcalib.importers.sumo_fcd import slices_in
 from tests.jaxcalib.importers.recorded_traffic import (
     LANE_M,
     LASTS_S,
@@ -22,6 +25,7 @@ from tests.jaxcalib.importers.recorded_traffic import (
     SUBJECT,
     WRITERS,
     traffic,
+    write_fcd,
     write_ngsim,
     write_table,
 )
@@ -223,3 +227,20 @@ def test_two_locations_are_no_road(tmp_path: Path):
     pd.concat([table, table.assign(Location="i-80")]).to_csv(file, index=False)
     with pytest.raises(CaseError, match="column Location: expected one location, got i-80, us-101"):
         load_importer("ngsim")(file, ImportOptions())
+
+
+@pytest.mark.parametrize("rows_per_batch", [1, 7, 1000])
+def test_an_instant_that_goes_on_in_the_next_batch_comes_once_and_whole(
+    rows_per_batch: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    file = write_fcd(tmp_path, "parquet")
+
+    def batches(source: Path):
+        with pyarrow.parquet.ParquetFile(source) as table:
+            yield from table.iter_batches(batch_size=rows_per_batch)
+
+    whole = [(one.time_s, one.vehicle.tolist()) for one in slices_in(file)()]
+    monkeypatch.setattr(sumo_fcd, "_parquet_batches", batches)
+    assert [(one.time_s, one.vehicle.tolist()) for one in slices_in(file)()] == whole
+    times_s = [time_s for time_s, _ in whole]
+    assert times_s == sorted(set(times_s))

@@ -14,8 +14,11 @@ from jaxcalib.validation.comparison import (
     compare_measures,
     compare_trajectories,
     correct_together,
+    cut_short,
+    travel_time_table,
 )
 from jaxcalib.validation.distributions import BORDERS, distances
+from jaxcalib.validation.judgement import arrival_criterion, travel_time_criterion
 from jaxcalib.validation.observer import ObservedDrives
 from jaxcalib.validation.prediction import exceedance, predict, upper_limit
 from jaxcalib.validation.trajectories import CELL_M, passing_rmse_s, route_grid, speed_rmse_mps, travel_times_s
@@ -154,7 +157,7 @@ def test_bins_and_what_few_observations_show_have_no_probability():
     assert table["share"]["interval_90"] is not None  # it is told all the same
     assert table["short"]["note"] == "rests on fewer than 5 observations in the mean"  # a hundredth of 200
     assert table["share"]["is_beyond_chance"] is None
-    few = judged(counted(random, 2, events=1.0), counted(random, 10, 2, events=1.0))
+    few = judged(counted(random, 2, events=0.3), counted(random, 10, 2, events=0.3))
     assert few["rare"]["p_value"] is None
 
 
@@ -184,12 +187,56 @@ def test_what_is_counted_per_drive_rests_on_what_is_counted(number: int):
     assert few["cut_ins"]["p_value"] is None
 
 
-def test_what_one_round_does_not_show_is_not_tested():
+@pytest.mark.parametrize(("num_lacking", "is_tested"), [(1, True), (4, True), (6, False)])
+def test_what_most_rounds_do_not_show_is_not_tested(num_lacking: int, is_tested: bool):
     random = np.random.default_rng(11)
     rounds = counted(random, 10, 2)
-    rounds.tally[3] = 0.0
+    rounds.tally[:num_lacking] = 0.0
     speed = judged(counted(random, 2), rounds)["speed"]
-    assert (speed["p_value"], speed["note"]) == (None, "a round does not show it")
+    assert (speed["p_value"] is not None) == is_tested
+    assert speed["note"] == ("" if is_tested else "most rounds do not show it")
+
+
+def test_what_the_simulation_never_shows_is_beyond_chance():
+    """However the field's events come in bursts: that each of its drives shows them and no simulated one does."""
+    random = np.random.default_rng(12)
+    for events in (10.0, 48.0, 1200.0):
+        table = judged(counted(random, 4, events=events), counted(random, 20, 4, events=0.0))
+        assert table["rare"]["is_beyond_chance"]
+        assert table["rare"]["note"] == "shown by 4 of 4 drives of the field, 0 of 80 simulated"
+    # one drive's burst says nothing
+    burst = counted(random, 4, events=0.0)
+    burst.tally[2, NAMES.index("events")] = 60.0
+    assert not judged(burst, counted(random, 20, 4, events=0.0))["rare"]["is_beyond_chance"]
+
+
+def test_a_right_simulation_of_rare_events_seldom_is_beyond_chance():
+    random = np.random.default_rng(14)
+    p_values = [
+        judged(counted(random, 4, events=0.9), counted(random, 20, 4, events=0.9))["rare"]["p_value"]
+        for _ in range(300)
+    ]
+    tested = np.asarray([one for one in p_values if one is not None], float)
+    assert len(tested) > 50  # where the field has five by chance
+    assert np.mean(tested < 0.05) * len(tested) / len(p_values) <= 0.05
+
+
+def test_drives_that_stand_behind_the_field_s_are_no_quick_ones():
+    """All stand after 400 m of 1000 m: over what both have driven they are as fast as the field."""
+    field, rounds = drives(np.full(2, 20.0)), drives(np.full((4, 2), 20.0))
+    rounds.passing_s[:, 0, 9:] = np.nan
+    has_left = np.ones((4, 2), bool)
+    has_left[:, 0] = False
+    is_cut_short = cut_short(field, rounds, has_left)
+    assert is_cut_short.tolist() == [[True, False]] * 4
+    table = travel_time_table(("a", "b"), field, rounds, is_cut_short)
+    assert table["a"]["field_s"] == table["a"]["simulated_s"] == pytest.approx(20.0)
+    assert travel_time_criterion(table).value == 0.5
+    assert arrival_criterion(is_cut_short).passes is False
+    nobody = cut_short(field, rounds, np.ones((4, 2), bool))  # a part of the road is all that was seen of these
+    assert not nobody.any()
+    assert travel_time_criterion(travel_time_table(("a", "b"), field, rounds, nobody)).value == 1.0
+    assert arrival_criterion(nobody).passes
 
 
 def test_probabilities_are_corrected_for_all_tables():

@@ -5,6 +5,8 @@ import json
 import math
 import re
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
@@ -148,9 +150,29 @@ def test_counts(problem: CalibrationProblem, tmp_path: Path):
     assert volumes[0].simulated_vehph == pytest.approx(30 * 126)
     assert volumes[2].field_vehph == pytest.approx(12 * 310)
     criteria = count_criteria(counts, np.asarray([[124.0, 148.0, 300.0], [128.0, 140.0, 320.0]]))
-    assert len(criteria) == 4 + 4  # those of 2019 for in0 only: m1 was counted on one day
-    assert all(one.passes for one in criteria)
+    assert len(criteria) == 4 + 4 + 1  # those of 2019 for in0 only: m1 was counted on one day
+    assert all(one.passes for one in criteria[:-1])
+    assert (criteria[-1].passes, criteria[-1].name.endswith("volume at m1")) == (None, True)
     assert "120 s" in criteria[0].note
+
+
+def test_an_interval_more_on_one_day_costs_an_edge_nothing(problem: CalibrationProblem, tmp_path: Path):
+    file = tmp_path / "counts.csv"
+    file.write_text(COUNTS.replace("m1,300,600,310", "in0,540,660,144"))
+    counts = read_counts(file, problem)
+    criteria = count_criteria(counts, np.asarray([[124.0, 148.0, 140.0], [128.0, 140.0, 140.0]]))
+    assert [one.passes for one in criteria] == [True] * 8
+
+
+def test_vehicles_are_not_counted_on_an_edge_shorter_than_their_step(problem: CalibrationProblem, tmp_path: Path):
+    short = SimpleNamespace(getLength=lambda: 1.5, getSpeed=lambda: 33.0, getLaneNumber=lambda: 3)
+    net = SimpleNamespace(getEdge=lambda edge: short)
+    scenario = dataclasses.replace(problem.scenario, network=dataclasses.replace(problem.scenario.network, net=net))
+    known = cast(CalibrationProblem, SimpleNamespace(scenario=scenario, parts=problem.parts))
+    file = tmp_path / "counts.csv"
+    file.write_text(COUNTS)
+    with pytest.raises(CaseError, match="expected an edge of 4 m or more, the way of a step"):
+        read_counts(file, known)
 
 
 def test_one_day_of_counts_is_not_enough_for_2019(problem: CalibrationProblem, tmp_path: Path):
