@@ -190,7 +190,7 @@ def test_an_ablation_tells_what_each_part_buys(trials: list[Trial], tmp_path: Pa
     write_report(tmp_path, is_recorded=True)
     ((study, name, rows, _, (note,)),) = kept.values()
     assert (study, name) == ("paper", "road: What each part of the method buys")
-    assert note.endswith("Variants are compared with the method as improved on what both have made.")
+    assert note.count("Variants are compared with the method as improved on what both have made.") == 1
     assert [(row["variant"], row["trials"]) for row in rows] == [("method as improved", 3), ("without logs", 2)]
     improved, without = rows
     assert improved["vehicle_level"] == pytest.approx((0.4 + 0.4 + 0.44) / 3, rel=1e-3)
