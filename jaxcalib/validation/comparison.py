@@ -16,6 +16,7 @@ from jaxcalib.validation.prediction import PROBABILITY, Prediction, exceedance, 
 from jaxcalib.validation.trajectories import passing_rmse_s, speed_rmse_mps, travel_times_s
 
 FEWEST_EVENTS = 5.0  # observations that a value must rest on to say something
+FAR_BEHIND_S = 60.0  # as the criterion of 2004 allows travel times to differ by
 FEWEST_SHOWING = 0.5  # of the rounds, for the others to be believed
 SIGNIFICANCE = 0.05
 Table = dict[str, dict[str, Any]]
@@ -129,17 +130,22 @@ def compare_trajectories(field: ObservedDrives, rounds: ObservedDrives) -> Table
     return table
 
 
-def cut_short(field: ObservedDrives, rounds: ObservedDrives, has_left: np.ndarray) -> np.ndarray:
-    """Return which simulated drives stood behind the field's when their run ended, [round, drive].
+def cut_short(field: ObservedDrives, rounds: ObservedDrives, has_left: np.ndarray, end_s: float) -> np.ndarray:
+    """Return which simulated drives stood far behind the field's when their run ended, [round, drive].
+
+    A drive that the end finds on its way is far behind where the field's passed its next place a minute ago or more.
 
     Args:
         field: the field's drives.
         rounds: simulated ones.
         has_left: whether the subject vehicle left the road before the run's end, [round, drive].
+        end_s: when runs end.
     """
-    last = [np.max(np.where(np.isfinite(each), np.arange(each.shape[-1]), -1), axis=-1)
-            for each in (field.passing_s, rounds.passing_s)]  # fmt: skip
-    return ~has_left & (last[1] < last[0] - 1)
+    places = np.arange(field.passing_s.shape[-1])
+    last = np.max(np.where(np.isfinite(rounds.passing_s), places, -1), axis=-1)
+    is_ahead = np.isfinite(field.passing_s) & (places > last[..., None])
+    passed_next_s = np.min(np.where(is_ahead, field.passing_s, np.inf), axis=-1)
+    return ~has_left & (end_s - passed_next_s > FAR_BEHIND_S)
 
 
 def travel_time_table(

@@ -30,7 +30,7 @@ def health_criteria(outcomes: Sequence[RunOutcome]) -> list[Criterion]:
 
 def arrival_criterion(is_cut_short: np.ndarray) -> Criterion:
     """Return whether simulated drives come as far as the field's, [round, drive]."""
-    note = "simulated drives that stood behind the field's when their run ended"
+    note = "simulated drives that were a minute or more behind the field's when their run ended"
     return at_most("share of drives that did not come as far", OWN, float(is_cut_short.mean()), MOST_CUT_SHORT, note)
 
 

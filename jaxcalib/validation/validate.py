@@ -169,7 +169,7 @@ def _validate(
     correct_together(measures, wasserstein, trajectories)
     names = tuple(drive.id for drive in problem.case.drives_of(role))
     has_left = np.asarray([[run.subject_left for run in runs] for runs in runs_of_rounds(outcomes, len(logs))])
-    is_cut_short = cut_short(field, simulated, has_left)
+    is_cut_short = cut_short(field, simulated, has_left, problem.scenario.end_s)
     travel_times = travel_time_table(names, field, simulated, is_cut_short)
     errors = error_table(problem, role, simulated, outcomes)
     equivalence = compare_within_margins(

@@ -14,7 +14,7 @@ def _inputs(dial: Dial, inputs_vehph: Float[Array, " input"]) -> Float[Array, " 
 RAMP_INFLOW_ERROR = Effect(
     name="ramp_inflow_error",
     title="a ramp's true inflow differs",
-    unit="fraction by which it exceeds the given inflow, less half of the main one's; negative where it is less",
+    unit="fraction by which it exceeds the given inflow, negative where it is less",
     weak=0.15,
     medium=0.3,
     strong=0.6,

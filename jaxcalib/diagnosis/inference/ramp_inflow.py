@@ -36,7 +36,8 @@ def explain_ramps(none_evidence: float, ratios: dict[int, tuple[float, float]], 
     Args:
         none_evidence: log evidence of the baseline.
         ratios: for each ramp's input its calibrated value over the scenario's, and the error of that.
-        main_ratio: the same of the main entrance: what a busy day does to all.
+        main_ratio: the same of the main entrance. Half of what it is off counts as a busy day's at the ramps, too, and
+            the strength told is what a ramp is off beyond that.
     """
     ramps = []
     for number, (ratio, error) in ratios.items():

@@ -227,16 +227,19 @@ def test_drives_that_stand_behind_the_field_s_are_no_quick_ones():
     rounds.passing_s[:, 0, 9:] = np.nan
     has_left = np.ones((4, 2), bool)
     has_left[:, 0] = False
-    is_cut_short = cut_short(field, rounds, has_left)
+    is_cut_short = cut_short(field, rounds, has_left, end_s=600.0)
     assert is_cut_short.tolist() == [[True, False]] * 4
     table = travel_time_table(("a", "b"), field, rounds, is_cut_short)
     assert table["a"]["field_s"] == table["a"]["simulated_s"] == pytest.approx(20.0)
     assert travel_time_criterion(table).value == 0.5
     assert arrival_criterion(is_cut_short).passes is False
-    nobody = cut_short(field, rounds, np.ones((4, 2), bool))  # a part of the road is all that was seen of these
+    # a part of the road is all that was seen of these
+    nobody = cut_short(field, rounds, np.ones((4, 2), bool), end_s=600.0)
     assert not nobody.any()
     assert travel_time_criterion(travel_time_table(("a", "b"), field, rounds, nobody)).value == 1.0
     assert arrival_criterion(nobody).passes
+    # the end finds these on their way, not much slower than the field's
+    assert not cut_short(field, rounds, has_left, end_s=350.0).any()
 
 
 def test_probabilities_are_corrected_for_all_tables():
